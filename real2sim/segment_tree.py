@@ -72,12 +72,13 @@ class SegmentTree:
 
     def find_near(self, xy: Float, reach: Float | float) -> NearSegments:
         """Return all segments within `reach` [m], a number or one for each point, of points xy (N, 2) [m]."""
-        margin = np.broadcast_to(reach, len(xy)) + BOX_MARGIN_M
+        reaches = np.broadcast_to(reach, len(xy))
+        margin = reaches + BOX_MARGIN_M
         x, y = xy.T
         boxes: Any = shapely.box(x - margin, y - margin, x + margin, y + margin)
         point, segment = self.tree.query(boxes)
         distance, share = self._measure(xy[point], segment)
-        near = distance <= (reach if isinstance(reach, float) else reach[point])
+        near = distance <= reaches[point]
         return NearSegments(point[near], segment[near], distance[near], share[near])
 
     def _measure(self, xy: Float, segment: Int) -> tuple[Float, Float]:

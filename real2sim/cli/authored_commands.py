@@ -9,7 +9,7 @@ import click
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
-from real2sim.cli.log_options import build_suite_file, name_option, out_option, paths_argument
+from real2sim.cli.log_options import check_suite_name, name_option, out_option, paths_argument
 from real2sim.readers.carla_route import UCLA_FRAME, CarlaFrame
 from real2sim.xml_file import parse_finite
 
@@ -61,14 +61,18 @@ def mdrive(
     """Convert MDrive scenario directories (routes, actors_manifest.json, behaviours), or folders of such."""
     if (towns is None) == (vector_map is None):
         raise InputError("mdrive: expected either --towns or --map, found " + ("both" if towns else "neither"))
+    from mdrive_sumo.scenario.suite import SuiteFile
     from real2sim.authored.suite_converter import convert_authored
+    from real2sim.pipeline.conversion_tasks import DESCRIPTION
     from real2sim.pipeline.limited_reader import read_vector_map_limited
     from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, read_mdrive
 
     place = VectorMap(read_vector_map_limited(vector_map), frame) if vector_map else towns
     assert place is not None
     scenes = [read_mdrive(folder, place) for folder in find_mdrive_folders(paths)]
-    echo(_format_report(convert_authored(scenes, out, build_suite_file(out, name)), out))
+    wanted = check_suite_name(out, name)
+    about = SuiteFile(name=wanted, title=wanted, description=DESCRIPTION)
+    echo(_format_report(convert_authored(scenes, out, about), out))
 
 
 @click.command()
@@ -82,7 +86,7 @@ def interdrive(paths: tuple[Path, ...], towns: Path | None, out: Path, name: str
         raise InputError("interdrive: expected the maps of the CARLA towns, found no --towns")
     from real2sim.authored.suite_converter import convert_interdrive
 
-    echo(_format_report(convert_interdrive(paths, towns, out, build_suite_file(out, name).name if name else None), out))
+    echo(_format_report(convert_interdrive(paths, towns, out, check_suite_name(out, name) if name else None), out))
 
 
 @click.command()

@@ -15,12 +15,12 @@ from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo, echo_live
 from real2sim.pipeline.log_source import LogSource
-from real2sim.readers.time_grid import TimeWindow
 
 if TYPE_CHECKING:  # commands import what they run: `--help` must not load SUMO, pydantic and scipy
     from mdrive_sumo.scenario.background import BackgroundMode
-    from mdrive_sumo.scenario.suite import SuiteFile
+    from real2sim.logged_drive import ConfirmedInfraction
     from real2sim.pipeline.batch import BatchResult
+    from real2sim.readers.time_grid import TimeWindow
 
 F = TypeVar("F", bound=Callable[..., Any])
 TRAFFIC_MODES = ("reactive", "replay", "hybrid")
@@ -28,7 +28,7 @@ INDEX_FILES = frozenset(("dataset_summary.pkl", "dataset_mapping.pkl"))
 """Index files that ScenarioNet writes next to its scenarios."""
 
 
-def parse_window(_: click.Context, __: click.Parameter, value: str | None) -> TimeWindow | None:
+def parse_window(_: click.Context, __: click.Parameter, value: str | None) -> "TimeWindow | None":
     """Parse the option --window."""
     if value is None:
         return None
@@ -106,7 +106,7 @@ class LogCliOptions:
     paths: tuple[Path, ...]
     out: Path
     name: str | None
-    window: TimeWindow | None
+    window: "TimeWindow | None"
     every_s: float | None
     cavs: tuple[str, ...]
     traffic: "BackgroundMode"
@@ -150,16 +150,16 @@ def run_conversion(
         for path in paths
         for case in pattern.find_cases(path)
     ]
-    from real2sim.logged_drive import load_confirmed_infractions
     from real2sim.pipeline.batch import BatchOptions, NoLogConvertedError, convert_logs
-    from real2sim.pipeline.scenario_builder import ConversionOptions
+    from real2sim.pipeline.conversion_tasks import ConversionOptions
 
-    confirmed = load_confirmed_infractions(cli_options.confirmed) if cli_options.confirmed else ()
-    conversion = ConversionOptions(cli_options.traffic, cli_options.cavs, confirmed=confirmed)
+    conversion = ConversionOptions(
+        cli_options.traffic, cli_options.cavs, confirmed=_load_confirmed(cli_options.confirmed)
+    )
     order = BatchOptions(conversion, cli_options.report, cli_options.every_s, cli_options.workers, show_progress)
-    about = build_suite_file(cli_options.out, cli_options.name)
+    name = check_suite_name(cli_options.out, cli_options.name)
     try:
-        batch = convert_logs(logs, cli_options.out, about, order)
+        batch = convert_logs(logs, cli_options.out, name, order)
     except NoLogConvertedError as error:
         _echo_refused(error.refused or (str(error),))
         ctx.exit(2)
@@ -174,14 +174,20 @@ def _echo_refused(sentences: Sequence[str]) -> None:
         echo(f"Error: {clean_line(sentence)}", err=True)
 
 
-def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
-    """Build `suite.json`; raise InputError for an invalid name."""
-    from mdrive_sumo.scenario.suite import SuiteFile
+def _load_confirmed(path: Path | None) -> "tuple[ConfirmedInfraction, ...]":
+    if path is None:
+        return ()
+    from real2sim.logged_drive import load_confirmed_infractions
 
+    return load_confirmed_infractions(path)
+
+
+def check_suite_name(out: Path, name: str | None) -> str:
+    """Return the name of a suite, that of its folder if none is given; raise InputError for an invalid one."""
     wanted = name or re.sub(r"[^A-Za-z0-9_.+-]", "_", out.resolve().name).lstrip("_.+-") or "suite"
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,79}", wanted):
         raise InputError(f"--name: expected letters, digits and _.+-, at most 80, found {wanted!r}")
-    return SuiteFile(name=wanted, title=wanted, description="Converted from logs by mdrive-sumo convert.")
+    return wanted
 
 
 def format_batch(batch: "BatchResult", cli_options: LogCliOptions) -> str:

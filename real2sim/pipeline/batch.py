@@ -1,50 +1,35 @@
 """Conversion of many logs: each in a worker process of its own; the suite appears on disk as a whole or not at all."""
 
-import os
 import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
-from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
-from real2sim.fidelity_report.index_page import IndexRow, build_index_row, write_index
-from real2sim.fidelity_report.report_page import write_report
-from real2sim.pipeline.log_conversion import convert_log, split_into_windows
+from real2sim.pipeline.conversion_tasks import (
+    NETWORKS,
+    RUN_TASK,
+    ConversionOptions,
+    ConversionTask,
+    ConvertedScenario,
+    SplitTask,
+    SuiteTask,
+    Task,
+)
 from real2sim.pipeline.log_source import LogSource, describe_part, prefix_with_log
-from real2sim.pipeline.scenario_builder import NETWORKS, ConversionOptions
-from real2sim.readers.time_grid import TimeWindow
+
+if TYPE_CHECKING:  # only workers import what converts: it takes half a second
+    from real2sim.pipeline.conversion_tasks import Answer
+    from real2sim.readers.time_grid import TimeWindow
 
 LIMIT_S = 900.0
 """[s] Wall-clock limit for one log."""
 PARTS = ".parts"
-Windows = tuple[TimeWindow, ...]
-
-
-@dataclass(frozen=True)
-class ConversionTask:
-    """Work of one worker process: convert one log into a folder, or split it into windows of `every_s`."""
-
-    number: int
-    log: LogSource
-    options: ConversionOptions
-    report: bool
-    folder: Path
-    every_s: float | None = None
-
-
-@dataclass(frozen=True)
-class ConvertedScenario:
-    """A scenario of the draft and what the final report says about it."""
-
-    id: str
-    misses: tuple[str, ...]
-    """One sentence for each missed target."""
-    index_row: IndexRow | None
-    """Row of the index page, if pages are written."""
+SUITE_FILE = "suite.json"
 
 
 @dataclass(frozen=True)
@@ -87,17 +72,16 @@ class BatchOptions:
     """Called with the number of finished logs, the number of logs, and the result of the last one."""
 
 
-def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, options: BatchOptions) -> BatchResult:
-    """Write the suite of all logs that can be converted; raises InputError if `out` cannot be written,
+def convert_logs(logs: Sequence[LogSource], out: Path, name: str, options: BatchOptions) -> BatchResult:
+    """Write the suite `name` of all logs that can be converted; raises InputError if `out` cannot be written,
     NoLogConvertedError if there is none.
 
     `out`, which must be new or empty, appears only at the end, complete.
     """
-    with atomic_folder(out) as draft:
+    with atomic_folder(out) as draft, ProcessPool(RUN_TASK, options.workers, LIMIT_S) as pool:
         parts = draft / PARTS
-        tasks, refused = _plan_tasks(logs, parts, options)
-        with ProcessPool(_convert_task, min(options.workers, max(len(tasks), 1)), LIMIT_S) as pool:
-            answers = dict(_report_answers(pool.run(tasks), len(tasks), options))
+        tasks, refused = _plan_tasks(logs, parts, options, pool)
+        answers = dict(_report_answers(pool.run(tasks), len(tasks), options))
         outcomes: list[ConvertedScenario] = []
         for task in tasks:
             answer = answers[task.number]
@@ -110,35 +94,45 @@ def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, options
         if not outcomes:
             raise NoLogConvertedError(refused)
         shutil.rmtree(parts)
-        save_suite(Suite(about, draft, ()))
-        if options.report:
-            write_index(draft, about.name, [outcome.index_row for outcome in outcomes if outcome.index_row])
+        _write_suite(SuiteTask(draft, name, tuple(one.index_row for one in outcomes if one.index_row)), pool)
     return BatchResult(tuple(outcomes), tuple(refused))
 
 
 def _plan_tasks(
-    logs: Sequence[LogSource], parts: Path, options: BatchOptions
+    logs: Sequence[LogSource], parts: Path, options: BatchOptions, pool: "ProcessPool[Task, Answer]"
 ) -> tuple[list[ConversionTask], list[str]]:
     """Return a task for every log, or for every window of every log, and a sentence for each log that cannot be
     split."""
     once, refused = _reject_repeated(logs)
+    if options.every_s is not None:
+        once, unsplit = _split_logs(once, options.every_s, pool)
+        refused += unsplit
     tasks = [ConversionTask(i, log, options.conversion, options.report, parts / str(i)) for i, log in enumerate(once)]
-    if options.every_s is None:
-        return tasks, refused
-    whole = [replace(task, every_s=options.every_s) for task in tasks]
-    with ProcessPool(_split_task, min(options.workers, max(len(whole), 1)), LIMIT_S) as pool:
-        answers = {
-            task.number: (_describe_failure(answer) if isinstance(answer, WorkerFailure) else answer)
-            for task, answer in pool.run(whole)
-        }
-    cut = [
-        replace(once[number], window=window)
-        for number, windows in sorted(answers.items())
-        if not isinstance(windows, str)
-        for window in windows
+    return tasks, refused
+
+
+def _split_logs(
+    logs: Sequence[LogSource], every_s: float, pool: "ProcessPool[Task, Answer]"
+) -> tuple[list[LogSource], list[str]]:
+    """Return the windows of the logs, and a sentence for each log that cannot be split."""
+    answers: dict[int, Answer] = {}
+    for task, answer in pool.run([SplitTask(i, log, every_s) for i, log in enumerate(logs)]):
+        assert isinstance(task, SplitTask)
+        answers[task.number] = _describe_failure(answer) if isinstance(answer, WorkerFailure) else answer
+    ordered = [answer for _, answer in sorted(answers.items())]
+    windows = [
+        replace(log, window=window)
+        for log, answer in zip(logs, ordered, strict=True)
+        if isinstance(answer, tuple)
+        for window in answer
     ]
-    refused += [answer for _, answer in sorted(answers.items()) if isinstance(answer, str)]
-    return _plan_tasks(cut, parts, replace(options, every_s=None))[0], refused
+    return windows, [answer for answer in ordered if isinstance(answer, str)]
+
+
+def _write_suite(task: SuiteTask, pool: "ProcessPool[Task, Answer]") -> None:
+    for _, answer in pool.run([task]):
+        if isinstance(answer, WorkerFailure):
+            raise InputError(f"{SUITE_FILE}: {_describe_failure(answer)}")
 
 
 def _reject_repeated(logs: Sequence[LogSource]) -> tuple[list[LogSource], list[str]]:
@@ -159,12 +153,14 @@ def _describe_failure(failure: WorkerFailure) -> str:
 
 
 def _report_answers(
-    done: Iterable[tuple[ConversionTask, ConvertedScenario | str | WorkerFailure]], total: int, options: BatchOptions
+    done: "Iterable[tuple[Task, Answer | WorkerFailure]]", total: int, options: BatchOptions
 ) -> Iterator[tuple[int, ConvertedScenario | str]]:
     ids: set[str] = set()
     for i, (task, answer) in enumerate(done, 1):
+        assert isinstance(task, ConversionTask)
         if isinstance(answer, WorkerFailure):
             answer = prefix_with_log(task.log, _describe_failure(answer))
+        assert isinstance(answer, ConvertedScenario | str)
         title = ", ".join(filter(None, (task.log.path.name, describe_part(task.log))))
         options.progress(i, total, f"{title}: {_format_verdict(answer, ids)}")
         ids |= {answer.id} if isinstance(answer, ConvertedScenario) else set()
@@ -191,31 +187,3 @@ def _move_into_suite(
     (task.folder / outcome.id).rename(draft / outcome.id)
     (task.folder / NETWORKS / outcome.id).rename(draft / NETWORKS / outcome.id)
     return outcome
-
-
-def _convert_task(task: ConversionTask) -> ConvertedScenario | str:
-    """Worker process: convert the log, then draw its page; return the scenario, or why there is none."""
-    _redirect_stdout()
-    try:
-        built = convert_log(task.log, task.folder, task.options)
-        if task.report:
-            write_report(task.folder / built.scenario.id, built.findings)
-    except InputError as error:
-        return str(error)
-    row = build_index_row(built.findings) if task.report else None
-    return ConvertedScenario(built.scenario.id, built.findings.misses, row)
-
-
-def _split_task(task: ConversionTask) -> Windows | str:
-    """Worker process: return the windows of a log, or why there are none."""
-    _redirect_stdout()
-    assert task.every_s is not None
-    try:
-        return split_into_windows(task.log, task.every_s)
-    except InputError as error:
-        return str(error)
-
-
-def _redirect_stdout() -> None:
-    """Redirect standard output to standard error: SUMO and pyarrow print warnings where our results go."""
-    os.dup2(2, 1)

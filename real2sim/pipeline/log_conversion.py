@@ -19,10 +19,11 @@ from mdrive_sumo.scenario.scenario import save_scenario
 from mdrive_sumo.scenario.suite import LOG_FILE
 from real2sim.clean import MIN_FRAMES
 from real2sim.hd_map import HdMap, MapArea
+from real2sim.pipeline.conversion_tasks import ConversionOptions
 from real2sim.pipeline.limited_reader import read_log_limited
 from real2sim.pipeline.log_source import LogSource, prefix_with_log
 from real2sim.pipeline.quality_file import build_quality_file, save_quality
-from real2sim.pipeline.scenario_builder import BuiltScenario, ConversionOptions, build_scenario
+from real2sim.pipeline.scenario_builder import BuiltScenario, build_scenario
 from real2sim.readers.time_grid import TimeWindow, crop_recording
 from real2sim.recording import ObserverView, Recording
 from real2sim.source_scene import SourceScene

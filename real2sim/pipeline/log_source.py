@@ -4,18 +4,15 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug_ins
-from real2sim.readers.input_checks import MAX_COORDINATE_M
-from real2sim.readers.time_grid import TimeWindow
-from real2sim.recording import Recording
 
-MAX_SIZE_M = 200.0
-"""[m] Longer than any road vehicle or barrier."""
+if TYPE_CHECKING:  # the command line asks for the sources only, and does not load numpy for that
+    from real2sim.readers.time_grid import TimeWindow
+    from real2sim.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -27,74 +24,63 @@ class LogSource:
     maps: tuple[Path, ...] = ()
     """Maps of v2xpnp, v2xseq, opv2v (also OpenDRIVE), and the Lanelet2 map of interaction, levelx (else looked for)."""
     agents: tuple[str, ...] | None = None
-    window: TimeWindow | None = None
+    window: "TimeWindow | None" = None
     case: str = ""
     """One of several cases in the file (interaction 1.2)."""
 
 
-def read_log(log: LogSource) -> Recording:
+def read_log(log: LogSource) -> "Recording":
     """Read the whole log; raises InputError, also if a package of the extra `convert` is missing."""
     try:
-        return _check_extent(log.path, _find_reader(log.source)(log))
+        recording = _find_reader(log.source)(log)
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         raise InputError(
             f"{log.source}: expected the package {package}, found none ({format_installation('convert')})"
         ) from None
+    from real2sim.readers.input_checks import check_extent
 
-
-def _check_extent(path: Path, recording: Recording) -> Recording:
-    """Raise InputError for positions and sizes that are finite but of no place on earth: sums of them are infinite."""
-    for track in (track for view in recording.views for track in view.tracks):
-        for name, limit in (
-            ("x", MAX_COORDINATE_M),
-            ("y", MAX_COORDINATE_M),
-            ("length", MAX_SIZE_M),
-            ("width", MAX_SIZE_M),
-        ):
-            column = getattr(track, name)
-            if (np.abs(column[np.isfinite(column)]) > limit).any():
-                raise InputError(f"{path}: track {track.id}: {name}: expected at most {limit:g} m, found more")
+    check_extent(log.path, recording)
     return recording
 
 
-def _v2xpnp(log: LogSource) -> Recording:
+def _v2xpnp(log: LogSource) -> "Recording":
     from real2sim.readers.v2xpnp import read_v2xpnp
 
     return read_v2xpnp(log.path, log.maps, log.agents)
 
 
-def _scenarionet(log: LogSource) -> Recording:
+def _scenarionet(log: LogSource) -> "Recording":
     from real2sim.readers.scenarionet import read_scenarionet
 
     return read_scenarionet(log.path)
 
 
-def _commonroad(log: LogSource) -> Recording:
+def _commonroad(log: LogSource) -> "Recording":
     from real2sim.readers.commonroad import read_commonroad
 
     return read_commonroad(log.path)
 
 
-def _argoverse2(log: LogSource) -> Recording:
+def _argoverse2(log: LogSource) -> "Recording":
     from real2sim.readers.argoverse2 import read_argoverse2
 
     return read_argoverse2(log.path)
 
 
-def _interaction(log: LogSource) -> Recording:
+def _interaction(log: LogSource) -> "Recording":
     from real2sim.readers.interaction import find_interaction_map, read_interaction
 
     return read_interaction(log.path, find_interaction_map(log.path, log.maps), case=log.case)
 
 
-def _levelx(log: LogSource) -> Recording:
+def _levelx(log: LogSource) -> "Recording":
     from real2sim.readers.levelx import read_levelx
 
     return read_levelx(log.path, log.maps)
 
 
-def _opv2v(log: LogSource) -> Recording:
+def _opv2v(log: LogSource) -> "Recording":
     """Read a log with a CARLA town as OpenDRIVE map, in whose network's frame the recording is, or a vector map."""
     from mdrive_sumo.roads import load_road_map
     from real2sim.carla.town_network import build_opendrive_network
@@ -114,7 +100,7 @@ def _opv2v(log: LogSource) -> Recording:
     return read_opv2v(log.path, hd_map, LogFrame(is_carla=True, offset=town.offset), log.agents)
 
 
-def _v2xseq(log: LogSource) -> Recording:
+def _v2xseq(log: LogSource) -> "Recording":
     from real2sim.readers.v2xseq import read_v2xseq
 
     return read_v2xseq(log.path, log.maps)
@@ -124,7 +110,7 @@ def _v2xseq(log: LogSource) -> Recording:
 class ReaderPlugIn:
     """A reader of another package, for its entry point in the group `mdrive_sumo.readers`."""
 
-    read: Callable[[LogSource], Recording]
+    read: "Callable[[LogSource], Recording]"
     pattern: str
     """Glob of the names of its logs, such as `*.json`."""
     help: str = ""
@@ -143,12 +129,12 @@ def load_reader_plug_in(name: str) -> ReaderPlugIn | None:
     return reader
 
 
-def _find_reader(source: str) -> Callable[[LogSource], Recording]:
+def _find_reader(source: str) -> "Callable[[LogSource], Recording]":
     plug_in = load_reader_plug_in(source)
     return READERS[source] if plug_in is None else plug_in.read
 
 
-READERS: dict[str, Callable[[LogSource], Recording]] = {
+READERS: dict[str, "Callable[[LogSource], Recording]"] = {
     "v2xpnp": _v2xpnp,
     "scenarionet": _scenarionet,
     "commonroad": _commonroad,

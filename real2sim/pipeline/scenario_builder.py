@@ -19,10 +19,11 @@ from real2sim.conversion_findings import ConversionFindings
 from real2sim.fit import FittedTraffic, fit_traffic
 from real2sim.fit.cav_selection import describe_unused_cavs, select_cav_tracks
 from real2sim.hd_map import HdMap
-from real2sim.logged_drive import ConfirmedInfraction, record_log, score_logged_drive
+from real2sim.logged_drive import record_log, score_logged_drive
 from real2sim.match import LaneMatch, match_track
 from real2sim.network import NetworkReport, build_network
 from real2sim.network.drivable_areas import add_observed_areas
+from real2sim.pipeline.conversion_tasks import NETWORKS, ConversionOptions
 from real2sim.pipeline.departures import begin_at, fit_departures
 from real2sim.quality import ReconstructedLog, ReconstructionQuality, assess_reconstruction
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
@@ -32,22 +33,8 @@ from real2sim.source_scene import SourceScene
 from real2sim.tracks.reconstruct import reconstruct_tracks
 from real2sim.traffic_fidelity import TrafficFidelity, measure_stalled_traffic, measure_traffic_fidelity
 
-NETWORKS = "networks"
 LOG = "log"
 """What drove the CAVs of a recorded log, in place of an agent."""
-
-
-@dataclass(frozen=True)
-class ConversionOptions:
-    """Options for the traffic of a scenario."""
-
-    mode: BackgroundMode = "reactive"
-    cavs: tuple[str, ...] = ()
-    """Names of observers or tracks; (): the CAVs of the source, else one is chosen."""
-    window_s: tuple[float, float] | None = None
-    """The part of the log that the scene covers, for the report."""
-    confirmed: tuple[ConfirmedInfraction, ...] = ()
-    """Infractions of logged drives that a person has confirmed."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.installation_command import format_installation
+from real2sim.recording import Recording
 
 MAX_FRAMES = 36_000
 """An hour at 10 Hz; the longest recordings of the sources that are read take 20 minutes."""
@@ -18,6 +19,8 @@ MAX_ROWS = 20_000_000
 """Frames times tracks: 1.1 GB of poses and sizes."""
 MAX_COORDINATE_M = 1e8
 """[m] Any projection of the earth has smaller ones."""
+MAX_SIZE_M = 200.0
+"""[m] Longer than any road vehicle or barrier."""
 MAX_LINE_M = 1e5
 """[m] Of one line of a map. Later steps make a point for every metre or two."""
 
@@ -33,6 +36,20 @@ def check_frame_count(where: str, count: float, tracks: int = 1) -> int:
             f"{where}: expected at most {MAX_ROWS} rows of frames and tracks, found {count:g} frames of {tracks} tracks"
         )
     return int(count)
+
+
+def check_extent(path: Path, recording: Recording) -> None:
+    """Raise InputError for positions and sizes that are finite but of no place on earth: sums of them are infinite."""
+    for track in (track for view in recording.views for track in view.tracks):
+        for name, limit in (
+            ("x", MAX_COORDINATE_M),
+            ("y", MAX_COORDINATE_M),
+            ("length", MAX_SIZE_M),
+            ("width", MAX_SIZE_M),
+        ):
+            column = getattr(track, name)
+            if (np.abs(column[np.isfinite(column)]) > limit).any():
+                raise InputError(f"{path}: track {track.id}: {name}: expected at most {limit:g} m, found more")
 
 
 def find_gap(numbers: Iterable[int]) -> int | None:

@@ -279,10 +279,10 @@ def convert_log(folder: Path) -> tuple[str, str, list[str]]:
     from testing.local_executor import LocalExecutor
 
     from mdrive_sumo.core.errors import InputError
-    from real2sim.pipeline import batch
+    from real2sim.pipeline import batch, conversion_worker
 
     # for this process, which ends with the module
-    batch.ProcessPool, batch._redirect_stdout = LocalExecutor, lambda: None
+    batch.ProcessPool, conversion_worker._redirect_stdout = LocalExecutor, lambda: None
     with pytest.raises(InputError, match=r"broken\.json: dt_s: "):
         read_jsonlog(folder / "broken.json")
     offered = run_command("convert", "--help")

@@ -7,7 +7,7 @@ from testing.convert_command import run
 from testing.local_executor import LocalExecutor
 from testing.small_log import write_small_log
 
-from real2sim.pipeline import batch, log_conversion, log_source
+from real2sim.pipeline import batch, conversion_worker, log_conversion, log_source
 
 
 @pytest.fixture(scope="session")
@@ -29,7 +29,7 @@ def suite(small: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) ->
 def without_workers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Logs are converted in the process of the test, and read in a process of their own, which may crash."""
     monkeypatch.setattr(batch, "ProcessPool", LocalExecutor)
-    monkeypatch.setattr(batch, "_redirect_stdout", lambda: None)
+    monkeypatch.setattr(conversion_worker, "_redirect_stdout", lambda: None)
 
 
 @pytest.fixture

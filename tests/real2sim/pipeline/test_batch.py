@@ -9,13 +9,10 @@ import pytest
 from testing.local_executor import LocalExecutor
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.suite import SuiteFile
-from real2sim.pipeline import batch
+from real2sim.pipeline import batch, conversion_worker
 from real2sim.pipeline.batch import BatchOptions, BatchResult, NoLogConvertedError, convert_logs
+from real2sim.pipeline.conversion_tasks import ConversionOptions
 from real2sim.pipeline.log_source import LogSource
-from real2sim.pipeline.scenario_builder import ConversionOptions
-
-ABOUT = SuiteFile(name="suite", title="Converted")
 
 
 def convert_by_name(log: LogSource, draft: Path, _wish: ConversionOptions) -> SimpleNamespace:
@@ -37,8 +34,8 @@ def convert_by_name(log: LogSource, draft: Path, _wish: ConversionOptions) -> Si
 @pytest.fixture(autouse=True)
 def without_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch, "ProcessPool", LocalExecutor)
-    monkeypatch.setattr(batch, "convert_log", convert_by_name)
-    monkeypatch.setattr(batch, "_redirect_stdout", lambda: None)
+    monkeypatch.setattr(conversion_worker, "convert_log", convert_by_name)
+    monkeypatch.setattr(conversion_worker, "_redirect_stdout", lambda: None)
 
 
 def convert(
@@ -49,7 +46,7 @@ def convert(
             said.append(f"{done}/{total} {text}")
 
     logs = [LogSource("test", Path("/logs") / name) for name in names]
-    return convert_logs(logs, out, ABOUT, BatchOptions(progress=tell, every_s=every_s))
+    return convert_logs(logs, out, "suite", BatchOptions(progress=tell, every_s=every_s))
 
 
 def test_a_suite_has_the_logs_that_can_be_converted_in_their_order(tmp_path: Path) -> None:
@@ -102,7 +99,7 @@ def test_every_window_of_a_log_becomes_a_scenario(tmp_path: Path, monkeypatch: p
             raise InputError(f"{log.path}: expected tracks, found none")
         return ((0.0, every_s), (every_s, 2 * every_s))
 
-    monkeypatch.setattr(batch, "split_into_windows", split)
+    monkeypatch.setattr(conversion_worker, "split_into_windows", split)
     said: list[str] = []
     done = convert(tmp_path / "out", ("a.x", "bad.x"), said, every_s=5.0)
     assert [one.id for one in done.outcomes] == ["a_0", "a_5"]

@@ -41,7 +41,7 @@ def test_a_reader_that_misbehaves_costs_a_sentence(deed: str, tmp_path: Path, mo
         "import ctypes, os\nimport numpy as np\nfrom real2sim.hd_map import StopLine\n"
         "from real2sim.pipeline import log_source\n"
         f"def read(log):\n    return {deed}\nlog_source.READERS['scenarionet'] = read\n"
-        "log_source._check_extent = lambda path, found: found\n"
+        "from real2sim.readers import input_checks\ninput_checks.check_extent = lambda path, found: None\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(limited_reader, "CPU_S", 1)

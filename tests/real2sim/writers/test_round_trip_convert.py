@@ -17,9 +17,10 @@ from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.suite import load_suite
-from real2sim.pipeline import batch
+from real2sim.pipeline import batch, conversion_worker
+from real2sim.pipeline.conversion_tasks import ConversionOptions
 from real2sim.pipeline.quality_file import build_quality_file
-from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
+from real2sim.pipeline.scenario_builder import build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Recording
 from real2sim.source_scene import SourceScene
@@ -41,7 +42,7 @@ def converted(folder: Path, crowd: Crowd) -> Path:
     log, vector_map = make_busy_log(folder, crowd=crowd)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(batch, "ProcessPool", LocalExecutor)
-        patch.setattr(batch, "_redirect_stdout", lambda: None)
+        patch.setattr(conversion_worker, "_redirect_stdout", lambda: None)
         done = run("v2xpnp", log, "--map", vector_map, "--out", folder / "s")
     assert done.exit_code == 0, done.output
     return folder / "s"
