@@ -3,20 +3,13 @@ succeed (protocol 14.2)."""
 
 from dataclasses import dataclass
 
-from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.generate.built_in_drive import SEED, drive_episode
 from mdrive_sumo.generate.validation import FULL_SCORE, NEAR_MISS_TTC_S
-from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
-from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
-from mdrive_sumo.study.occlusion_certificate import REFERENCE_OPTIONS, ReferenceDrive, find_occluded_intervals
-from mdrive_sumo.sumo import SumoWorld
-
-SEED = 0
-"""The scenario as written."""
+from mdrive_sumo.study.occlusion_certificate import ReferenceDrive, find_occluded_intervals
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +31,6 @@ class ScreeningResult:
     def is_feasible(self) -> bool:
         """Whether every CAV can complete its route without an infraction."""
         return self.omniscient_ds >= FULL_SCORE
-
-
-def drive_episode(scenario: Scenario, roads: RoadMap, agent: str) -> EpisodeRecord:
-    """Return an episode with a built-in agent; raises WorldError."""
-    sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
-    drivers = {ego.id: LocalDriver(AGENTS[agent]({})) for ego in scenario.egos}
-    with SumoWorld(scenario, roads, sizes, derive_seed(SEED, scenario.id, "sumo")) as world:
-        return run_episode(EpisodeConfig(scenario, roads, SEED, options=REFERENCE_OPTIONS), world, drivers)
 
 
 def screen_scenario(scenario: Scenario, roads: RoadMap) -> ScreeningResult:

@@ -5,8 +5,6 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
-from real2sim.fidelity_report.index_page import build_index_row, write_index
-from real2sim.fidelity_report.report_page import write_report
 from real2sim.pipeline.conversion_tasks import (
     DESCRIPTION,
     ConversionTask,
@@ -33,9 +31,13 @@ def run_task(task: Task) -> ConvertedScenario | tuple[TimeWindow, ...] | Path | 
 def _convert(task: ConversionTask) -> ConvertedScenario:
     """Convert the log, then draw its page."""
     built = convert_log(task.log, task.folder, task.options)
+    row = None
     if task.report:
+        from real2sim.fidelity_report.index_page import build_index_row
+        from real2sim.fidelity_report.report_page import write_report
+
         write_report(task.folder / built.scenario.id, built.findings)
-    row = build_index_row(built.findings) if task.report else None
+        row = build_index_row(built.findings)
     return ConvertedScenario(built.scenario.id, built.findings.misses, row)
 
 
@@ -47,6 +49,8 @@ def _write_suite(task: SuiteTask) -> Path:
     about = SuiteFile(name=task.name, title=task.name, description=DESCRIPTION)
     save_suite(Suite(about, task.folder, ()))
     if task.rows:
+        from real2sim.fidelity_report.index_page import write_index
+
         write_index(task.folder, task.name, task.rows)
     return task.folder
 

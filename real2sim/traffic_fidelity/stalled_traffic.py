@@ -98,7 +98,7 @@ def _stack_samples(samples: Sequence[Actors]) -> TrafficDrive:
 
 def drive_with_omniscient(scenario: Scenario, roads: RoadMap) -> TrafficDrive:
     """Drive an episode with `omniscient` in every CAV. Raises WorldError or InputError as `drive_episode` does."""
-    from mdrive_sumo.generate.screening import drive_episode  # only here, as above
+    from mdrive_sumo.generate.built_in_drive import drive_episode  # only here, as above
 
     return _sample_episode(drive_episode(scenario, roads, OMNISCIENT))
 

@@ -10,10 +10,7 @@ from mdrive_sumo.contract import CameraImage, SensorSpec
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraMount, CameraView, ImageKind
-from mdrive_sumo.sensing.camera.camera_renderer import Picture, load_renderer
-from mdrive_sumo.sensing.camera.instances import load_instances
 from mdrive_sumo.sensing.camera.lighting import LIGHT_OF_WEATHER, LIGHTS
-from mdrive_sumo.sensing.camera.static_scene import load_static_scene
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
 from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
 
@@ -40,6 +37,8 @@ class CameraSensor:
 
     def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         """Raises InputError, also where nothing can render."""
+        from mdrive_sumo.sensing.camera.camera_renderer import load_renderer  # only here: it builds all models
+
         check_option_names(spec, OPTIONS)
         self._model = read_camera_model(spec)
         self._every_ticks = _read_whole(spec, "every_ticks", 1, 1, 200)
@@ -55,6 +54,10 @@ class CameraSensor:
         """Return the image of this tick, None in ticks without one."""
         if scene.tick % self._every_ticks:
             return None
+        from mdrive_sumo.sensing.camera.camera_renderer import Picture
+        from mdrive_sumo.sensing.camera.instances import load_instances
+        from mdrive_sumo.sensing.camera.static_scene import load_static_scene
+
         static = load_static_scene(self._fitting.roads)
         instances = load_instances(scene, static)
         heading = np.array(portable.cos_sin(eye.yaw))

@@ -10,13 +10,13 @@ from testing.sampling import sampled
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate import pre_crash_typologies
+from mdrive_sumo.generate.built_in_drive import drive_episode
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected, build_scenario
 from mdrive_sumo.generate.pre_crash_spawn_points import compute_arrival_s
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import find_rule_violations
-from mdrive_sumo.generate.screening import drive_episode
 from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED, RouteLine, blind_travel_time
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import Lane, RoadMap, find_network_folder, load_road_map

@@ -14,10 +14,10 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import box_corners
+from mdrive_sumo.generate.built_in_drive import drive_episode
 from mdrive_sumo.generate.duplicates import find_duplicate
 from mdrive_sumo.generate.network_features import find_networks, is_for_training, is_hard_tier
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
-from mdrive_sumo.generate.screening import drive_episode, score_episode
 from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.learning.training_scenarios import build_training_scenario, list_training_networks
 from mdrive_sumo.learning.training_situations import SITUATIONS
@@ -26,7 +26,7 @@ from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario, load_scenario, save_scenario
 from mdrive_sumo.scenario.scripted_actor import StandingMotion
 from mdrive_sumo.scenario.suite import load_suite
-from mdrive_sumo.scoring import ScoreMode
+from mdrive_sumo.scoring import ScoreMode, score_episode
 
 SEED = 41
 PRINT_DIGEST = """
