@@ -24,7 +24,7 @@ help: ## this list
 
 # The compiled layer of this clone: built by the installation, and anew when a C file has changed.
 LAYER := mdrive_sumo/core/compiled/layer.abi3.so
-C_FILES := $(shell find mdrive_sumo -name '*.c' -o -name '*.h')
+C_FILES := $(shell find mdrive_sumo real2sim -name '*.c' -o -name '*.h')
 
 $(STAMP): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "mdrive-sumo needs Python 3.11 or newer, found " + sys.version.split()[0])'

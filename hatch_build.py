@@ -31,12 +31,11 @@ TARGETS = {"x86_64": "x86_64-linux-gnu.2.17", "aarch64": "aarch64-linux-gnu.2.17
 
 
 def describe_sources(root: Path) -> tuple[list[str], str]:
-    """Return the files that the layer is built from, relative to the package, and their digest."""
-    package = root / "mdrive_sumo"
+    """Return the files that the layer is built from, relative to the root, and their digest."""
     # Run, not imported: what the package needs is not installed where a wheel is built.
     sources = runpy.run_path(str(ROOT / "mdrive_sumo/core/compiled/sources.py"))
-    files: list[str] = sources["list_sources"](package)
-    return files, sources["digest_sources"](package, files)
+    files: list[str] = sources["list_sources"](root)
+    return files, sources["digest_sources"](root, files)
 
 
 def compile_layer(root: Path, version: str, out: Path, cache: Path) -> None:
@@ -50,7 +49,7 @@ def compile_layer(root: Path, version: str, out: Path, cache: Path) -> None:
     files, digest = describe_sources(root)
     constants = {"VERSION": version, "SOURCES": digest, "FILES": " ".join(files)}
     names = [f'-DMDRIVE_{name}="{text}"' for name, text in constants.items()]
-    sources = [str(root / "mdrive_sumo" / file) for file in files if file.endswith(".c")]
+    sources = [str(root / file) for file in files if file.endswith(".c")]
     target = ("-target", TARGETS[machine], "-mcpu=baseline")
     fresh = out.with_suffix(".new")  # replaced at once: processes may be running with the old one
     command = (sys.executable, "-m", "ziglang", "cc", *target, *FLAGS, *names, "-o", str(fresh), *sources, "-lm")

@@ -11,7 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Bool, Float, Int
+from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.geometry import Bool, Float
 from real2sim.tracks.kinematics import WINDOW, compute_derivative
 
 MAX_ITERATIONS, CHECK_INTERVAL = 400, 10
@@ -48,11 +49,24 @@ def fit_bounded_trajectory(xy: Float, bounds: TrajectoryBounds, dt_s: float) -> 
     frames = len(xy)
     if frames <= WINDOW:
         return xy
-    rows, inverse, pull = _build_matrices(frames, bounds.jerk, bounds.acceleration, dt_s)
-    feasible = _FeasibleSet.from_bounds(bounds, len(rows) - (frames - 1))
-    start = np.ascontiguousarray(xy.T)
-    free, p = _multiply(inverse, start), start
-    y = feasible.project(_multiply(rows, p))
+    if bounds.heading is None:
+        ahead = np.zeros((2, frames - 1))
+    else:
+        ahead = np.stack((np.cos(bounds.heading), np.sin(bounds.heading)))
+    matrices = _build_matrices(frames, bounds.jerk, bounds.acceleration, dt_s)
+    return _solve(np.ascontiguousarray(xy.T), *matrices, ahead, bounds.still).T
+
+
+@twin
+def _solve(wanted: Float, rows: Float, inverse: Float, pull: Float, ahead: Float, still: Bool, /) -> Float:
+    """Return the positions (2, T) nearest to the wanted ones (2, T).
+
+    rows (N, T), inverse (T, T), pull (T, N): see `_build_matrices`. ahead (2, T-1): directions of steps, 0: any; still
+    (T-1,).
+    """
+    steps = len(rows) - len(still)
+    free, p = _multiply(inverse, wanted), wanted
+    y = _project(_multiply(rows, p), steps, ahead, still)
     u = np.zeros_like(y)
     for k in range(MAX_ITERATIONS):
         p = free + _multiply(pull, y - u)
@@ -60,9 +74,9 @@ def fit_bounded_trajectory(xy: Float, bounds: TrajectoryBounds, dt_s: float) -> 
         if k % CHECK_INTERVAL == CHECK_INTERVAL - 1 and np.abs(true - y).max() < RELATIVE_TOLERANCE:
             break
         now = RELAXATION * true + (1 - RELAXATION) * y
-        y = feasible.project(now + u)
+        y = _project(now + u, steps, ahead, still)
         u = u + now - y
-    return p.T
+    return p
 
 
 @lru_cache(maxsize=32)
@@ -83,36 +97,25 @@ def _build_matrices(frames: int, jerk: float, acceleration: float, dt_s: float) 
 
 
 def _multiply(matrix: Float, vectors: Float) -> Float:
-    """Multiply matrix (M, N) with contiguous vectors (2, N): (2, M). Single-threaded: at this size threads mostly wait
-    for each other."""
-    return np.einsum("ij,kj->ki", matrix, vectors)
+    """Multiply matrix (M, N) with vectors (2, N): (2, M).
+
+    The terms of even and of odd columns are summed apart, pairs of columns from the last to the first in each eight: as
+    NumPy's einsum sums two numbers at a time.
+    """
+    columns = matrix.shape[1]
+    whole = columns // 8 * 8
+    even = [*(first + k for first in range(0, whole, 8) for k in (6, 4, 2, 0)), *range(whole, columns, 2)]
+    odd = [k + 1 for k in even if k + 1 < columns]
+    terms = matrix * vectors[:, None]
+    return np.cumsum(terms[..., even], axis=-1)[..., -1] + np.cumsum(terms[..., odd], axis=-1)[..., -1]
 
 
-@dataclass(frozen=True)
-class _FeasibleSet:
-    """Columns (2, N) of length at most 1; from column `steps` on, without a component backward, 0 where still."""
-
-    steps: int
-    ahead: tuple[Float, Float] | None
-    """Cosine and sine of the heading; None: no restriction."""
-    still: Int
-    """Columns without motion."""
-
-    @classmethod
-    def from_bounds(cls, bounds: TrajectoryBounds, steps: int) -> "_FeasibleSet":
-        ahead = None if bounds.heading is None else (np.cos(bounds.heading), np.sin(bounds.heading))
-        return cls(steps, ahead, steps + np.flatnonzero(bounds.still))
-
-    def project(self, values: Float) -> Float:
-        """Return the nearest columns of the set."""
-        limited, (x, y) = values[:, : self.steps], values[:, self.steps :]
-        result = np.empty_like(values)
-        np.divide(limited, np.maximum(np.hypot(limited[0], limited[1]), 1.0), out=result[:, : self.steps])
-        if self.ahead is not None:
-            cos, sin = self.ahead
-            backward = np.minimum(x * cos + y * sin, 0.0)
-            x, y = x - backward * cos, y - backward * sin
-        result[0, self.steps :], result[1, self.steps :] = x, y
-        if len(self.still):
-            result[:, self.still] = 0.0
-        return result
+def _project(values: Float, steps: int, ahead: Float, still: Bool) -> Float:
+    """Project columns (2, N) onto the feasible set: length at most 1; from column `steps` on, no component backward."""
+    size = np.hypot(values[0], values[1])
+    size[steps:] = 1.0
+    result = values / np.maximum(size, 1.0)
+    step = result[:, steps:]
+    backward = np.minimum(step[0] * ahead[0] + step[1] * ahead[1], 0.0)
+    result[:, steps:] = np.where(still, 0.0, step - backward * ahead)
+    return result

@@ -23,7 +23,10 @@ def test_twins_do_nothing_undefined(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(hatch_build, "FLAGS", (*flags, *TRAPS))
     hatch_build.compile_layer(tree, hatch_build.read_version(tree), tree / hatch_build.LAYER, tmp_path / "cache")
     tests = sorted(
-        str(path) for path in (tree / "tests/mdrive_sumo").rglob("test_*.py") if "compare_twins" in path.read_text()
+        str(path)
+        for package in ("mdrive_sumo", "real2sim")
+        for path in (tree / "tests" / package).rglob("test_*.py")
+        if "compare_twins" in path.read_text()
     )
     assert len(tests) > 5
     paths = os.pathsep.join((str(tree), str(tree / "tests")))

@@ -139,10 +139,10 @@ def _count_allocated_bytes() -> int:
 def get_reference(name: str) -> Callable[..., Any]:
     """Return the Python text of that name, whether or not its module has been imported."""
     if name not in compiled.REFERENCES:
-        package = Path(compiled.__path__[0]).parents[1]
-        for file in map(Path, list_sources(package)):
+        root = Path(compiled.__path__[0]).parents[2]
+        for file in map(Path, list_sources(root)):
             if file.suffix == ".c" and file.parent.name != "compiled":
-                import_module(".".join(("mdrive_sumo", *file.with_suffix("").parts)))
+                import_module(".".join(file.with_suffix("").parts))
     return compiled.REFERENCES[name]
 
 

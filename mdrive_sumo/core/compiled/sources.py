@@ -6,17 +6,19 @@ from pathlib import Path
 
 KINDS = (".c", ".h", ".f64")
 """C files, headers, and the tables that they embed."""
+PACKAGES = ("mdrive_sumo", "real2sim")
+"""Packages that have such files."""
 
 
-def list_sources(package: Path) -> list[str]:
-    """Return the files of the package `mdrive_sumo` that the layer is built from, relative to it, in order."""
-    files = [path.relative_to(package).as_posix() for path in package.rglob("*.*") if path.suffix in KINDS]
-    return sorted(files)
+def list_sources(root: Path) -> list[str]:
+    """Return the files that the layer is built from, relative to the folder of the packages, in order."""
+    paths = [path for package in PACKAGES for path in (root / package).rglob("*.*") if path.suffix in KINDS]
+    return sorted(path.relative_to(root).as_posix() for path in paths)
 
 
-def digest_sources(package: Path, names: Iterable[str]) -> str:
+def digest_sources(root: Path, names: Iterable[str]) -> str:
     """Return a digest of the names and contents of these files. Raises OSError."""
     digest = hashlib.blake2b(digest_size=16)
     for name in names:
-        digest.update(f"{name}\0".encode() + (package / name).read_bytes() + b"\0")
+        digest.update(f"{name}\0".encode() + (root / name).read_bytes() + b"\0")
     return digest.hexdigest()

@@ -41,11 +41,11 @@ def _load_layer() -> tuple[ModuleType | None, str]:
 
 def _is_outdated(layer: ModuleType) -> bool:
     """Whether C files were changed after the layer was built: in a clone, where they can be."""
-    package = Path(__file__).parents[2]
-    if not (package.parent / "hatch_build.py").is_file():
+    root = Path(__file__).parents[3]
+    if not (root / "hatch_build.py").is_file():
         return False
     try:
-        return digest_sources(package, layer.FILES.split()) != layer.SOURCES
+        return digest_sources(root, layer.FILES.split()) != layer.SOURCES
     except OSError:
         return True
 

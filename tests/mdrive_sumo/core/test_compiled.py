@@ -13,27 +13,26 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from testing.paths import ROOT
 from testing.twins import REFUSALS, check_memory, compare_twins
 
-import mdrive_sumo
 from mdrive_sumo.core import compiled, portable
 from mdrive_sumo.core.compiled.sources import list_sources
 from mdrive_sumo.core.version import __version__
 
-PACKAGE = Path(mdrive_sumo.__file__).parent
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 ORDINARY = st.one_of(st.floats(-700.0, 700.0), st.floats(-1e-3, 1e-3), st.sampled_from((0.0, -0.0, 1.0, -1.0)))
 
 
 def test_the_layer_is_there_and_built_from_all_files() -> None:
     assert compiled.USED_LAYER is not None, compiled.PROBLEM
-    assert compiled.USED_LAYER.FILES.split() == list_sources(PACKAGE)
+    assert compiled.USED_LAYER.FILES.split() == list_sources(ROOT)
 
 
 def test_every_compiled_function_has_its_python_text_beside_it() -> None:
-    for file in map(Path, list_sources(PACKAGE)):
+    for file in map(Path, list_sources(ROOT)):
         if file.suffix == ".c" and file.parent.name != "compiled":
-            import_module(".".join(("mdrive_sumo", *file.with_suffix("").parts)))
+            import_module(".".join(file.with_suffix("").parts))
     functions = {name for name in dir(compiled.USED_LAYER) if callable(getattr(compiled.USED_LAYER, name))}
     assert functions - {"__loader__"} == set(compiled.REFERENCES)
 
@@ -124,8 +123,8 @@ def test_the_switch_uses_the_python_text_without_a_word() -> None:
     [
         ("raise ImportError('layer.abi3.so: wrong ELF class')", "layer.abi3.so: wrong ELF class"),
         ("VERSION = '0.0.9'", f"expected version {__version__}, found 0.0.9 in"),
-        (f"VERSION, FILES, SOURCES = {__version__!r}, 'core/portable.c', '1'", "found an older one"),
-        (f"VERSION, FILES, SOURCES = {__version__!r}, 'core/removed.c', '1'", "found an older one"),
+        (f"VERSION, FILES, SOURCES = {__version__!r}, 'mdrive_sumo/core/portable.c', '1'", "found an older one"),
+        (f"VERSION, FILES, SOURCES = {__version__!r}, 'mdrive_sumo/core/removed.c', '1'", "found an older one"),
     ],
 )
 def test_a_layer_that_cannot_be_used_is_named(tmp_path: Path, layer: str, reason: str) -> None:
