@@ -151,7 +151,7 @@ def run_conversion(
         for case in pattern.find_cases(path)
     ]
     from real2sim.pipeline.batch import BatchOptions, NoLogConvertedError, convert_logs
-    from real2sim.pipeline.conversion_tasks import ConversionOptions
+    from real2sim.pipeline.conversion_options import ConversionOptions
 
     conversion = ConversionOptions(
         cli_options.traffic, cli_options.cavs, confirmed=_load_confirmed(cli_options.confirmed)

@@ -10,10 +10,9 @@ from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
+from real2sim.pipeline.conversion_options import NETWORKS, ConversionOptions
 from real2sim.pipeline.conversion_tasks import (
-    NETWORKS,
     RUN_TASK,
-    ConversionOptions,
     ConversionTask,
     ConvertedScenario,
     SplitTask,

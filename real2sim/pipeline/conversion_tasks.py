@@ -5,31 +5,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdrive_sumo.runs.imported_function import ImportedFunction
+from real2sim.pipeline.conversion_options import ConversionOptions
 
 if TYPE_CHECKING:
-    from mdrive_sumo.scenario.background import BackgroundMode
     from real2sim.fidelity_report.index_page import IndexRow
-    from real2sim.logged_drive import ConfirmedInfraction
     from real2sim.pipeline.log_source import LogSource
     from real2sim.readers.time_grid import TimeWindow
 
-NETWORKS = "networks"
-"""Folder of the networks in a suite."""
 DESCRIPTION = "Converted from logs by mdrive-sumo convert."
 """Of a suite."""
-
-
-@dataclass(frozen=True)
-class ConversionOptions:
-    """Options for the traffic of a scenario."""
-
-    mode: "BackgroundMode" = "reactive"
-    cavs: tuple[str, ...] = ()
-    """Names of observers or tracks; (): the CAVs of the source, else one is chosen."""
-    window_s: "TimeWindow | None" = None
-    """The part of the log that the scene covers, for the report."""
-    confirmed: "tuple[ConfirmedInfraction, ...]" = ()
-    """Infractions of logged drives that a person has confirmed."""
 
 
 @dataclass(frozen=True)

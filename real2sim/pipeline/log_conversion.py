@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.scenario import save_scenario
 from mdrive_sumo.scenario.suite import LOG_FILE
 from real2sim.clean import MIN_FRAMES
 from real2sim.hd_map import HdMap, MapArea
-from real2sim.pipeline.conversion_tasks import ConversionOptions
+from real2sim.pipeline.conversion_options import ConversionOptions
 from real2sim.pipeline.limited_reader import read_log_limited
 from real2sim.pipeline.log_source import LogSource, prefix_with_log
 from real2sim.pipeline.quality_file import build_quality_file, save_quality

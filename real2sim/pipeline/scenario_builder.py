@@ -23,7 +23,7 @@ from real2sim.logged_drive import record_log, score_logged_drive
 from real2sim.match import LaneMatch, match_track
 from real2sim.network import NetworkReport, build_network
 from real2sim.network.drivable_areas import add_observed_areas
-from real2sim.pipeline.conversion_tasks import NETWORKS, ConversionOptions
+from real2sim.pipeline.conversion_options import NETWORKS, ConversionOptions
 from real2sim.pipeline.departures import begin_at, fit_departures
 from real2sim.quality import ReconstructedLog, ReconstructionQuality, assess_reconstruction
 from real2sim.quality.lane_segment_index import LaneSegmentIndex

@@ -23,7 +23,8 @@ OFFSETS = st.sampled_from((0.0, 123_456.7, -900_000.0))
 def test_projections_are_those_of_geos(lines: list[Float], xy: Float, offset: float, reach: float) -> None:
     lines, xy = [line + offset for line in lines], xy + offset
     xy = np.concatenate([xy, *(line[:1] for line in lines), *(line[-1:] for line in lines)])
-    drawn, points = [np.array([shapely.LineString(line) for line in lines], dtype=object), shapely.points(xy)]
+    drawn = np.array([shapely.LineString(line) for line in lines], dtype=object)
+    points: Any = shapely.points(xy)
     found = PolylineIndex([Polyline(line) for line in lines]).project_points(xy, reach)
 
     expected = sorted(zip(*shapely.STRtree(drawn).query(points, predicate="dwithin", distance=reach), strict=True))

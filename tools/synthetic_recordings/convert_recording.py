@@ -12,7 +12,7 @@ from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from real2sim.clean import clean_recording
 from real2sim.network import NetworkReport, build_network
-from real2sim.pipeline.conversion_tasks import NETWORKS, ConversionOptions
+from real2sim.pipeline.conversion_options import NETWORKS, ConversionOptions
 from real2sim.pipeline.quality_file import build_quality_file, save_quality
 from real2sim.pipeline.scenario_builder import build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp

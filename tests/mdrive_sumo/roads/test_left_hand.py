@@ -19,7 +19,7 @@ from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_c
 from real2sim.hd_map import HdMap, MapLane
 from real2sim.match import match_track
 from real2sim.network import NetworkReport, build_network
-from real2sim.pipeline.conversion_tasks import ConversionOptions
+from real2sim.pipeline.conversion_options import ConversionOptions
 from real2sim.pipeline.quality_file import QualityFile, build_quality_file
 from real2sim.pipeline.scenario_builder import build_scenario
 from real2sim.recording import RecordedTrack, Recording

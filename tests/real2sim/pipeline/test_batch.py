@@ -11,7 +11,7 @@ from testing.local_executor import LocalExecutor
 from mdrive_sumo.core.errors import InputError
 from real2sim.pipeline import batch, conversion_worker
 from real2sim.pipeline.batch import BatchOptions, BatchResult, NoLogConvertedError, convert_logs
-from real2sim.pipeline.conversion_tasks import ConversionOptions
+from real2sim.pipeline.conversion_options import ConversionOptions
 from real2sim.pipeline.log_source import LogSource
 
 

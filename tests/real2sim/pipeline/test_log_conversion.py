@@ -12,7 +12,7 @@ from testing.small_log import recording
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.pipeline import log_conversion
-from real2sim.pipeline.conversion_tasks import ConversionOptions
+from real2sim.pipeline.conversion_options import ConversionOptions
 from real2sim.pipeline.log_conversion import convert_log, make_scenario_id, split_into_windows
 from real2sim.pipeline.log_source import LogSource
 from real2sim.recording import Recording

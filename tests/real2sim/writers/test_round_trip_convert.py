@@ -18,7 +18,7 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.suite import load_suite
 from real2sim.pipeline import batch, conversion_worker
-from real2sim.pipeline.conversion_tasks import ConversionOptions
+from real2sim.pipeline.conversion_options import ConversionOptions
 from real2sim.pipeline.quality_file import build_quality_file
 from real2sim.pipeline.scenario_builder import build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
