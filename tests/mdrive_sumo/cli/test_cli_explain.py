@@ -65,6 +65,13 @@ def test_the_story_names_the_cav_that_one_yields_to(run: Path) -> None:
     assert times == sorted(times)
 
 
+def test_every_cav_of_the_first_scenario_is_told_of_unless_one_is_named(run: Path) -> None:
+    done = call("explain", run)
+    heads = [line.split(" of ")[0] for line in done.output.splitlines() if line.startswith("CAV ")]
+    assert done.exit_code == 0 and heads == ["CAV 0", "CAV 1", "CAV 2", "CAV 3"]
+    assert explain(run, "--cav", "0") == done.output.splitlines()[: len(explain(run, "--cav", "0"))]
+
+
 def test_a_tick_says_what_holds(run: Path) -> None:
     now, why, *_ = explain(run, "--cav", "0", "--tick", 82)
     assert now.startswith("At tick 82 (4.1 s) CAV 0 brakes at ")
@@ -80,8 +87,6 @@ def test_a_tick_says_what_holds(run: Path) -> None:
         (("--scenario", "i25*", "--cav", "0", "--tick", "soon"), "'soon' is not a valid integer"),
         (("--scenario", "i25*", "--cav", "0", "--seed", "7"), "--seed: expected one of the run's, 0, found 7"),
         (("--scenario", "i99", "--cav", "0"), "expected"),
-        (("--scenario", "i25*"), "Missing option '--cav'"),
-        (("--cav", "0"), "Missing option '--scenario'"),
     ],
 )
 def test_a_mistake_is_one_sentence(run: Path, words: tuple[str, ...], sentence: str) -> None:
