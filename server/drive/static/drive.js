@@ -320,7 +320,7 @@ class DrivePage {
     const centre = own ?? this.spectate(users);
     return {
       centre: centre && { index: centre.index, x: centre.x, y: centre.y, yaw: centre.yaw, speed: state?.vx ?? centre.speed ?? FLYING_SPEED },
-      own, users: others, signals: this.signals, overlays: this.overlays(centre, users), state,
+      own: own && this.colour(own), users: others, signals: this.signals, overlays: this.overlays(centre, users), state,
     };
   }
 

@@ -206,7 +206,7 @@ class Rewind {
     this.centre = centre;
     const others = users.filter((user) => user !== own).map((user) => page.colour(user));
     return {
-      centre, own, users: others, signals: motion.signalsAt(this.tick),
+      centre, own: own && page.colour(own), users: others, signals: motion.signalsAt(this.tick),
       overlays: { route: page.routes.get(cav)?.points, ghosts: this.ghostsAt(this.tick) },
     };
   }

@@ -48,8 +48,8 @@ class TopView {
     this.drawRoute(picture.overlays.route, Math.max(0.5, (4 * devicePixelRatio) / this.scale));
     picture.map?.drawSignals(ctx, theme, picture.signals, this.scale, centre, reach);
     this.drawOverlays(picture.overlays);
-    for (const user of picture.users) this.drawRoadUser(user, user.isOwn);
-    if (picture.own) this.drawRoadUser({ ...picture.own, kind: "own" }, true);
+    for (const user of picture.users) this.drawRoadUser(user, false);
+    if (picture.own) this.drawRoadUser(picture.own, true);
     ctx.setTransform(1, 0, 0, 1, 0, 0);
     if (!isSmall) this.drawWords(picture.overlays.words ?? []);
   }
@@ -124,9 +124,9 @@ class TopView {
     const [length, width] = [Math.max(user.length, LEAST_PX * pixel), Math.max(user.width, LEAST_PX * pixel)];
     ctx.globalAlpha = user.ended ? 0.45 : 1;
     this.box(user.x, user.y, user.yaw, length, width);
-    ctx.fillStyle = isOwn ? theme.focus : (user.colour ?? theme[user.kind] ?? theme.vehicle);
+    ctx.fillStyle = user.colour ?? (isOwn ? theme.focus : theme[user.kind] ?? theme.vehicle);
     ctx.fill();
-    ctx.lineWidth = (isOwn || user.colour ? 1.6 : 1) * pixel;
+    ctx.lineWidth = (isOwn ? 2.6 : user.colour ? 1.6 : 1) * pixel;
     ctx.strokeStyle = isOwn || user.colour ? theme.halo : theme["vehicle-edge"];
     ctx.stroke();
     if (user.kind !== "pedestrian" && user.kind !== "static") this.drawDetails(length, width, user);
