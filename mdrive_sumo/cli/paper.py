@@ -20,6 +20,8 @@ from mdrive_sumo.report.comparison_report.score_tables import build_main_table
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare, prepare_with_suite
 from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.study.human.human_results import HumanStudyResults
+from mdrive_sumo.study.human.write_human_results import load_stored_human_results
 from mdrive_sumo.study.paper.paper_agents import prepare_installed_agents
 from mdrive_sumo.study.paper.paper_files import write_paper
 from mdrive_sumo.study.paper.paper_numbers import compute_paper_numbers
@@ -36,6 +38,12 @@ from mdrive_sumo.study.study_runs import RUNS_FOLDER
 @click.option("--all-scenarios", is_flag=True, help="Every scenario, not a quarter of each category.")
 @click.option(
     "--agents", metavar="A,B,...", help="Agents, each as --agent of `eval` [default: all that are installed]."
+)
+@click.option(
+    "--human-study",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="A study with persons (study human), whose results are written, for RQ4 [default: none].",
 )
 @setting_option("suite", default="mdrive")
 @add_options(seed_options(first="The first seed; 0: as written.", count="How many seeds."))
@@ -59,7 +67,7 @@ def command(ctx: click.Context, **options: object) -> None:
         echo(f"left out: {name}: {why}", err=True)
     rows = drive_with_display(ctx, prepared.study)
     numbers = compute_paper_numbers(prepared.study, rows)
-    request = PaperRequest(hide_command(get_command_line(), given.out), prepared.left_out)
+    request = PaperRequest(hide_command(get_command_line(), given.out), prepared.left_out, prepared.humans)
     pages = write_paper(given.out, numbers, request, prepared.about)
     echo(format_text(build_main_table(numbers.compared)))
     echo("\n" + "\n".join(map(str, pages)))
@@ -86,6 +94,7 @@ class _PreparedStudy:
     """Why built-in agents are left out, by agent."""
     about: Mapping[str, Any]
     """The content of `study_plan.json`."""
+    humans: HumanStudyResults | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +105,7 @@ class _PaperOptions:
     quick: bool
     all_scenarios: bool
     agents: str | None
+    human_study: Path | None
     suite: str
     seed: int
     seeds: int
@@ -115,7 +125,8 @@ class _PaperOptions:
         agents, left_out = prepare_installed_agents(prepare_agent, names)
         about = describe_study(reference.config, reference.suite, plan)
         claim_folder(self.out, about, fresh=self.fresh)
-        return _PreparedStudy(PaperStudy(plan, agents, reference, self.out), left_out, about)
+        humans = load_stored_human_results(self.human_study) if self.human_study is not None else None
+        return _PreparedStudy(PaperStudy(plan, agents, reference, self.out), left_out, about, humans)
 
     def _choose_scale(self) -> PaperScale:
         """Return how many scenarios are driven. Raises InputError."""

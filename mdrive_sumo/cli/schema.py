@@ -17,6 +17,7 @@ from mdrive_sumo.scenario.reference_times import ReferenceTimesFile
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import SuiteFile
 from mdrive_sumo.scoring import build_results_schema
+from mdrive_sumo.study.human.human_study_plan import HumanStudyPlan
 from mdrive_sumo.study.need_certificate import NeedCertificateFile
 
 SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
@@ -31,6 +32,7 @@ SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "episode": build_episode_schema,
     "open-loop": OpenLoopResults.model_json_schema,
     "training-data": build_training_data_schema,
+    "human-study-plan": HumanStudyPlan.model_json_schema,
 }
 
 

@@ -11,6 +11,7 @@ from mdrive_sumo.core.statistics import judge_interval
 from mdrive_sumo.report.comparison_report.write_comparison_report import render_report_files
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scoring import Means, Results, ScenarioResult
+from mdrive_sumo.study.human.human_results import build_human_json
 from mdrive_sumo.study.paper.paper_agents import find_role
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
 from mdrive_sumo.study.paper.paper_report import PaperRequest, build_paper_report
@@ -39,6 +40,7 @@ def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mappin
         ],
         "open_closed": asdict(numbers.comparison)
         | {"lines": [asdict(entry) | {"open": entry.open.model_dump()} for entry in numbers.comparison.lines]},
+        "humans": None if request.humans is None else build_human_json(request.humans),
         "channel": [
             {
                 "agent": row.agent,

@@ -20,6 +20,8 @@ from mdrive_sumo.report.published_results import (
     PUBLISHED_METHODS,
     PUBLISHED_POSE_ERROR,
 )
+from mdrive_sumo.study.human.human_report import NO_PERSON, build_rq4_parts
+from mdrive_sumo.study.human.human_results import HumanStudyResults
 from mdrive_sumo.study.paper import section_texts
 from mdrive_sumo.study.paper.cooperation_gain import PAIRS
 from mdrive_sumo.study.paper.open_closed_table import (
@@ -61,6 +63,8 @@ class PaperRequest:
     command: Sequence[str]
     left_out: Mapping[str, str]
     """Why built-in agents are left out, by agent."""
+    humans: HumanStudyResults | None = None
+    """A study with persons at the wheel (RQ4); None without one."""
 
 
 def list_paper_facts(numbers: PaperNumbers, request: PaperRequest) -> dict[str, str]:
@@ -111,7 +115,7 @@ def build_paper_report(numbers: PaperNumbers, request: PaperRequest) -> Comparis
             ),
             figures=(make_open_closed_figure(numbers.comparison),),
         ),
-        _make_section(section_texts.HUMANS),
+        _build_human_section(request.humans),
         *_build_channel_sections(numbers),
         ReportSection("Without a counterpart", (_build_missing_table(),)),
     )
@@ -158,6 +162,14 @@ def _build_gain_section(numbers: PaperNumbers) -> ReportSection:
     pairs = "; ".join(" and ".join(pair) for pair in PAIRS)
     missing = f"No pair of agents with one planner is in this study. Pairs are: {pairs}."
     return replace(_make_section(section_texts.GAINS), note=missing)
+
+
+def _build_human_section(humans: HumanStudyResults | None) -> ReportSection:
+    section = _make_section(section_texts.HUMANS)
+    if humans is None:
+        return replace(section, note=f"{NO_PERSON}: no study folder is given (--human-study DIR).")
+    tables, figures = build_rq4_parts(humans)
+    return replace(section, tables=tables, figures=figures, note="" if humans.persons else NO_PERSON)
 
 
 def _build_channel_sections(numbers: PaperNumbers) -> Sequence[ReportSection]:

@@ -11,7 +11,7 @@ NO_COUNTERPART: Mapping[str, str] = MappingProxyType(
             "illustrations; mdrive-sumo show and view draw scenarios and drives"
         ),
         "fig:codriving_failure": "one failure as an example; mdrive-sumo view RUN shows those of the runs in runs/",
-        "fig:mdrive_human_experiments": "needs people; see the section on RQ4",
+        "fig:mdrive_human_experiments, part (b)": "drives as examples; mdrive-sumo view DIR shows those of a study",
         "fig:various_weather_conditions, fig:real2sim_demo": "renderings of CARLA; nothing to measure",
         "tab:sensors, tab:controllers": (
             "descriptions; the cameras are presets of the sensor camera, the controllers follow plans here too"
@@ -101,9 +101,10 @@ HUMANS = SectionText(
     "Human drivers (RQ4)",
     "fig:mdrive_human_experiments",
     "CoLMDriver succeeds less often than human experts, and is slower when it negotiates.",
-    "Nothing yet.",
-    "This study drives no person, so it has no table here. The time ratio of the main table compares the time that"
-    " agents need with that of omniscient, not with a person's.",
+    "The question and the scores, of persons in a study by `study human` (--human-study DIR).",
+    "Who drives: the paper has three students with a wheel in CARLA; each study has its own people, scenarios and"
+    " conditions. Scripted drivers are programs and say nothing about people. The time ratio of the main table compares"
+    " the time that agents need with that of omniscient, not with a person's.",
 )
 LATENCY = SectionText(
     "Latency (RQ5)",

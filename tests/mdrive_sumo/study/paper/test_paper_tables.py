@@ -2,14 +2,18 @@
 
 import numpy as np
 import pytest
+from testing.human_study import make_plan
 from testing.study_samples import make_row, make_run, make_scenario
 
 from mdrive_sumo.core.statistics import bootstrap_mean
 from mdrive_sumo.core.tables import format_cell
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
+from mdrive_sumo.report.comparison_report.comparison_report import ReportSection
 from mdrive_sumo.report.published_results import AS_PUBLISHED, BUCKETS, PUBLISHED_GAPS, PUBLISHED_LATENCY
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results
+from mdrive_sumo.study.human.human_report import NO_PERSON
+from mdrive_sumo.study.human.human_results import CavScore, HumanDrive, HumanStudyResults
 from mdrive_sumo.study.paper.cooperation_gain import PairGain, compute_pair_gains, compute_role_gaps
 from mdrive_sumo.study.paper.open_closed import OpenClosedComparison
 from mdrive_sumo.study.paper.paper_agents import AgentRole, find_role
@@ -170,3 +174,28 @@ def test_published_rows_stand_beside_ours_but_in_a_quick_study(scale: PaperScale
     assert gains.tables == () and "sharing and single" in gains.note
     for section in report.sections[:-1]:
         assert {"Counterpart of", "Comparable to CARLA", "Not comparable"} <= {*section.points}, section.title
+
+
+def test_the_row_of_persons_is_marked_until_somebody_has_driven() -> None:
+    """No study, one of programs only, one of a person: of RQ4 there is no number that nobody drove."""
+    numbers = make_numbers(PaperScale.STANDARD)
+    plan = make_plan(conditions=[{"name": "a"}])
+
+    def find_section(humans: HumanStudyResults | None) -> ReportSection:
+        report = build_paper_report(numbers, PaperRequest(("mdrive-sumo",), {}, humans))
+        return next(section for section in report.sections if "RQ4" in section.title)
+
+    def drive(driver: str) -> HumanStudyResults:
+        score = CavScore("a", 80.0, 0.0, 80.0, 1.0, None, None, "blocked", 0)
+        drives = (HumanDrive("P01", driver, 1, "a", "0", score, 80.0, 0.0, 0, "wheel", {}),)
+        return HumanStudyResults(plan, drives, {"sharing": (score,)}, {}, 0)
+
+    assert NO_PERSON in find_section(None).note and not find_section(None).tables
+    scripted = find_section(drive("scripted:attentive"))
+    assert scripted.note == NO_PERSON and scripted.tables[0].rows[0].cells[1].value == NO_PERSON
+    person = find_section(drive("person"))
+    assert person.note == ""
+    assert [cell.value for cell in person.tables[0].rows[0].cells[:6]] == ["persons", "a", 1.0, 1.0, 1.0, 80.0]
+    assert not any(cell.value == NO_PERSON for row in person.tables[0].rows for cell in row.cells)
+    (gap,) = person.tables[1:]
+    assert [cell.value for cell in gap.rows[0].cells[:4]] == ["sharing", "persons", 0.0, 0.0]
