@@ -8,6 +8,7 @@ COMMANDS = {
     "init-agent": "Write a sample agent as a starting point.",
     "results": "Show the result of a submission, or list yours.",
     "serve": "Serve a challenge: API, web pages and workers.",
+    "study human": "Study persons at the wheel: plan, pages, questionnaires, results (RQ4).",
     "submit": "Submit an agent to a challenge, or test it locally.",
 }
 """Help line of each command that this package adds to `mdrive-sumo`."""

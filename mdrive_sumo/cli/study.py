@@ -8,6 +8,7 @@ import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
 from mdrive_sumo.cli.paper import command as paper_command
+from mdrive_sumo.cli.plug_in_group import PlugInGroup
 from mdrive_sumo.cli.setting_options import add_options, parse_comm_options, seed_options, setting_option
 from mdrive_sumo.cli.study_agents import cross_play_command, gain_command, penetration_command
 from mdrive_sumo.cli.study_options import StudyOptions, drive_with_display, parse_agent_names
@@ -32,8 +33,9 @@ from mdrive_sumo.study.study_runs import BEST, Study
 from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
 from mdrive_sumo.v2x.comm_settings import CommSettings
 
-command = click.Group(
+command = PlugInGroup(
     "study",
+    "mdrive_sumo.study_commands",
     help="Measure what cooperation is worth: the paper's tables, in parts, over worse channels, message by message.",
 )
 command.add_command(ablate_command)

@@ -116,7 +116,7 @@ def drive(ctx: click.Context, scenario: str | None, resume: Path | None, **optio
     """
     check_posix("drive: the simulation process")
     stored = _resume(ctx, scenario, resume, options) if resume else _start(ctx, scenario, options)
-    place = _Place(options["host"], options["port"], options["public_url"])
+    place = ServerPlace(options["host"], options["port"], options["public_url"])
     asyncio.run(_serve(stored, place, is_browser_wanted=not options["no_browser"]))
 
 
@@ -213,7 +213,7 @@ def _name_cav(value: str, scenario: str, ids: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class ServerPlace:
     """Where the server listens, and how others reach it."""
 
     host: str
@@ -262,13 +262,13 @@ def _find_own_address() -> str:
     return "127.0.0.1"
 
 
-async def _serve(stored: StoredDrive, place: _Place, is_browser_wanted: bool) -> None:
+async def _serve(stored: StoredDrive, place: ServerPlace, is_browser_wanted: bool) -> None:
     """Serve the drive until a signal ends it."""
     setup = stored.setup
     host = DriveHost(place.list_names())
     with place.open_listener() as listener:
         await host.open_drive(DRIVE_NAME, setup, stored.rules)
-        server = _DriveServer(make_config(create_drive_app(host)))
+        server = DriveServer(make_config(create_drive_app(host)))
         failures: list[str] = []
 
         def end(_: str, sentence: str) -> None:
@@ -300,7 +300,7 @@ def _show_links(host: DriveHost, url: str, folder: Path, is_browser_wanted: bool
         asyncio.get_running_loop().run_in_executor(None, webbrowser.open, url + links[0].path)
 
 
-async def _close(host: DriveHost, server: "_DriveServer", folder: Path) -> None:
+async def _close(host: DriveHost, server: "DriveServer", folder: Path) -> None:
     """End the drive; takes that were left are finished first, unless a second signal comes."""
     closing = asyncio.create_task(host.close())
     done, _ = await asyncio.wait({closing}, timeout=QUIET_S)
@@ -345,7 +345,7 @@ def _build_log_config() -> dict[str, Any]:
     }
 
 
-class _DriveServer(uvicorn.Server):
+class DriveServer(uvicorn.Server):
     """Ends at the first signal in good order; a second one is noted for those who finish work."""
 
     on_start: Callable[[], None]

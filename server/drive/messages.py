@@ -213,6 +213,8 @@ class WelcomeOut(_Model):
     chat: bool
     may_rewind: bool
     """Also for what-if."""
+    return_path: str = ""
+    """Where the page leads once the drive has ended: the study that it is part of; "": nowhere."""
     takes: list["TakeOut"]
 
 

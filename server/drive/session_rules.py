@@ -1,6 +1,7 @@
 """SessionRules: what people may do in a drive beside driving."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 PAUSE = "pause"
 """`SessionRules.on_disconnect`: the clock waits for the lost driver."""
@@ -22,3 +23,5 @@ class SessionRules:
     may_hand_over: bool = True
     may_pause: bool = True
     patience_s: float = PATIENCE_S
+    return_paths: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Where the page leads once the drive has ended, by CAV: back to the study that the drive is part of."""

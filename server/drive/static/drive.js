@@ -422,8 +422,15 @@ class DrivePage {
     this.card.show({ key: "closed", title: "Not connected", body: [paragraph(sentence)], actions: [["Reload", () => location.reload()]] });
   }
 
+  /** What one can do at the end: a drive of a study leads back to it. */
+  listWaysOn() {
+    const path = this.welcome?.return_path;
+    if (path) return [["Back to the study", () => location.assign(path)]];
+    return [["Close", () => this.card.hide()]];
+  }
+
   showEnd() {
-    this.card.show({ key: "end", title: "The drive has ended", body: endBody(this, this.endings), actions: [["Close", () => this.card.hide()]] });
+    this.card.show({ key: "end", title: "The drive has ended", body: endBody(this, this.endings), actions: this.listWaysOn() });
   }
 }
 
