@@ -3,9 +3,9 @@
 A new version of a format adds a file beside that of the version before. They were written by mdrive-sumo itself: `run`
 by `eval --agent sharing --comm realistic` on 8 m of i11_ins_sl_town (testing.short_suite), `open_loop.json` by
 `eval-open` on that run, `dataset.json` by `learn data` on that suite, `suite` by `convert v2xpnp` from
-testing.small_log; `databases` is the SQL text of a server's SQLite file after each migration, with a team and its
-finished submission (testing.store_samples), `archive.zip` the good one of testing.archive_samples; the others are
-entries of packaged suites and weights.
+testing.small_log, `human_study` with the plan of testing.human_study; `databases` is the SQL text of a server's SQLite
+file after each migration, with a team and its finished submission (testing.store_samples), `archive.zip` the good one
+of testing.archive_samples; the others are entries of packaged suites and weights.
 """
 
 import json
@@ -34,6 +34,7 @@ from mdrive_sumo.scenario.reference_times import read_reference_times
 from mdrive_sumo.scenario.scenario import load_model, load_scenario
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import load_results
+from mdrive_sumo.study.human.human_study_folder import HumanStudyFolder
 from mdrive_sumo.study.need_certificate import read_need
 from mdrive_sumo.study.occlusion_certificate import read_certificates
 from real2sim.pipeline.quality_file import load_quality
@@ -54,6 +55,11 @@ def read_journal(folder: Path) -> tuple[str, float]:
     return RunConfig.from_dict(fingerprint).agent.name, result["ds"]
 
 
+def read_answers(folder: Path) -> object:
+    """Return what the first participant of a study answered after the first drive."""
+    return HumanStudyFolder.open_existing(folder).load_progress("P01").drives[0].answers
+
+
 READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
     "results/4": (lambda: load_results(KEPT / "run/results.json").overall.bucket_mean.ds, 100.0),
     "journal/2": (lambda: read_journal(KEPT / "run"), ("sharing", 100.0)),
@@ -68,6 +74,9 @@ READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
     "hard-recipe/1": (lambda: load_hard_recipe(KEPT / "hard_recipe.json").family, "emergency-vehicle"),
     "reference-times/1": (lambda: len(read_reference_times(KEPT).scenarios), 1),  # pyright: ignore[reportOptionalMemberAccess]
     "need/1": (lambda: len(read_need(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
+    "human-study/1": (lambda: HumanStudyFolder.open_existing(KEPT / "human_study").drivers, "persons"),
+    "human-study-plan/1": (lambda: HumanStudyFolder.open_existing(KEPT / "human_study").plan.title, "A small study"),
+    "human-study-progress/1": (lambda: read_answers(KEPT / "human_study"), {"safe": 6.0}),
     "occlusion/1": (lambda: len(read_certificates(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
 }
 """By format: what reads the example, and one thing that it says."""

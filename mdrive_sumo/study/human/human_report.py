@@ -24,7 +24,7 @@ from mdrive_sumo.study.human.scripted_driver import DRIVER_KINDS
 from mdrive_sumo.study.study_files import make_interval_cell
 
 NO_PERSON = "no person has driven"
-"""What stands in the row of persons until somebody drives."""
+"""What stands in the row of persons until a person has driven."""
 PERSONS_SECTION = "persons"
 SCRIPTED_SECTION = "scripted drivers: programs, not persons"
 AGENTS_SECTION = "agents"

@@ -78,7 +78,7 @@ class StudyCondition(PlanPart):
 
 
 class Practice(PlanPart):
-    """Drives before those that count, so that nobody learns the controls in them."""
+    """Drives before those that count, so that participants know the controls."""
 
     scenarios: Annotated[tuple[ScenarioEntry, ...], Field(min_length=1, max_length=50)]
     """Driven in turn, again from the first one after the last one."""
@@ -199,7 +199,7 @@ class HumanStudyPlan(PlanPart):
     consent: LongText
     """What a participant consents to. Nothing begins without consent."""
     contact: ShortText
-    """Whom a participant asks, also about a withdrawal: shown on every page."""
+    """How participants reach the organiser, also for a withdrawal: shown on every page."""
     participants: Annotated[int, Field(ge=1, le=MAX_PARTICIPANTS)] | tuple[Code, ...]
     """Number of participants, who get the codes P01, P02, ...; or their codes."""
     suite: Annotated[str, Field(min_length=1, max_length=400)] = "mdrive"
@@ -252,7 +252,7 @@ class HumanStudyPlan(PlanPart):
         return any(condition.has_person for condition in self.conditions)
 
     def find_partner(self, code: str) -> str:
-        """Return the code of the participant with whom another one drives; "" where nobody does."""
+        """Return the code of the participant who drives in a pair with another one; "" without pairs."""
         if not self.has_pairs:
             return ""
         return self.codes[self.codes.index(code) ^ 1]

@@ -129,7 +129,7 @@ def run_scripted_study(study: HumanStudyFolder, suite: Suite, kinds: Sequence[st
         driver = f"{SCRIPTED_PREFIX}{kind}"
         if before.drives and before.driver != driver:
             raise InputError(
-                f"{study.folder}: expected {before.driver} for {code}, with whom the study began, found {driver};"
+                f"{study.folder}: expected {before.driver} for {code}, as the study began, found {driver};"
                 " --out names another folder"
             )
         progress = before.model_copy(update={"driver": driver})
