@@ -8,9 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from testing.viewer_crossing import record
 
-from mdrive_sumo.contract import EXCHANGE, REASON, Message, Note
+from mdrive_sumo.contract import DRIVER, EXCHANGE, REASON, Message, Note
 from mdrive_sumo.episode import load_episode, recorder, save_episode
-from mdrive_sumo.episode.recorder import MAX_CHARACTERS, MAX_KINDS, MAX_NOTES, NoteLog
+from mdrive_sumo.episode.recorder import (
+    MAX_CHARACTERS,
+    MAX_DRIVER_NOTE,
+    MAX_DRIVER_NOTES,
+    MAX_KINDS,
+    MAX_NOTES,
+    NoteLog,
+)
 from mdrive_sumo.scoring import scenario_score
 from mdrive_sumo.v2x.channel import MAX_COUNTED_TYPES, OTHER, DeliveryStatus, SentMessage, count_exchanged
 
@@ -53,6 +60,20 @@ def test_reasons_leave_room_for_other_notes() -> None:
     log, half = NoteLog(), MAX_CHARACTERS // 2
     log.add(0, "a", [Note(REASON, "x" * half), Note(REASON, "x"), Note(EXCHANGE, "x" * half)])
     assert ([record.note.kind for record in log.records], log.dropped) == ([REASON, EXCHANGE], 1)
+
+
+def test_drivers_always_find_room_but_not_without_end() -> None:
+    """Without the note of a driver a take cannot be driven again, whatever agents have written before."""
+    log = NoteLog()
+    full = [Note("a", "x" * (MAX_CHARACTERS // MAX_NOTES + 1))] * MAX_NOTES
+    log.add(0, "a", [*full, *(Note(f"k{n}", "") for n in range(MAX_KINDS)), Note(DRIVER, "{}")])
+    assert log.records[-1].note.kind == DRIVER
+    log = NoteLog()
+    log.add(0, "a", [Note(DRIVER, "")] * (MAX_DRIVER_NOTES + MAX_NOTES + 5) + [Note("a", "")])
+    assert (len(log.records), log.dropped) == (MAX_DRIVER_NOTES + MAX_NOTES, 6)
+    log = NoteLog()
+    log.add(0, "a", [*([Note("a", "")] * MAX_NOTES), Note(DRIVER, "x" * (MAX_DRIVER_NOTE + 1))])
+    assert log.dropped == 1
 
 
 def test_dropped_notes_are_recorded_and_counted(tmp_path: Path) -> None:

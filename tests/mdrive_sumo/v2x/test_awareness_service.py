@@ -88,3 +88,9 @@ def test_compiled_functions_return_what_the_python_text_does(
     compare_twins("v2x_awareness_service_find_rows_within", x, y, own, 2.0, 150.0)
     with pytest.raises(ValueError, match="expected as many y as x"):
         compute_sigmas(profile, pose, x, np.zeros(7))
+
+
+def test_it_waits_when_another_service_of_the_car_has_sent() -> None:
+    station = AwarenessService(briefing(), 80.0)
+    station.postpone(7)
+    assert [bool(sent(tick, things(), station)) for tick in range(7, 12)] == [False, True, False, True, False]
