@@ -38,6 +38,7 @@ function startBody({ description, cav, weather, cavs, role }) {
   const facts = make("dl", "facts");
   const rows = [["Your CAV", role === "spectator" ? "none: you watch" : nameCav(cav)], ["Driven by people", people.map(nameCav).join(", ")], ["Weather", weather]];
   for (const [term, text] of rows) facts.append(make("dt", "", term), make("dd", "", text));
+  if (!$("touch").hidden) return [paragraph(description), facts, paragraph("Turn the wheel; press a pedal, the higher the more.", "keys")];
   const keys = make("p", "keys");
   keys.append(make("kbd", "", "W"), " throttle ", make("kbd", "", "S"), " brake ", make("kbd", "", "A"), make("kbd", "", "D"), " steer ", make("kbd", "", "P"), " pause ", make("kbd", "", "?"), " help");
   return [paragraph(description), facts, keys];

@@ -2,7 +2,8 @@
 
 const VIEWS = ["driver", "four", "chase", "top"];
 const VIEW_NAMES = { driver: "driver's view", four: "four cameras", chase: "chase", top: "top view" };
-const LEAST_MIRROR_PX = 700;
+const LEAST_MIRROR_PX = 700; // width of the window
+const LEAST_HEIGHT_PX = 500;
 const SLOW_MS = 45; // between pictures: below 22 a second the picture gets coarser rather than slower
 const QUICK_MS = 20; // and finer again
 const COARSER = 0.8;
@@ -58,9 +59,9 @@ class Picture {
     this.choose(this.view3d ? VIEWS[(VIEWS.indexOf(this.view) + 1) % VIEWS.length] : "top");
   }
 
-  /** On a narrow window mirrors would be slits, and hide the road. */
+  /** On a phone mirrors would be slits, and hide the road. */
   get showsMirrors() {
-    return this.hasMirrors && innerWidth > LEAST_MIRROR_PX;
+    return this.hasMirrors && innerWidth > LEAST_MIRROR_PX && innerHeight > LEAST_HEIGHT_PX;
   }
 
   resize() {

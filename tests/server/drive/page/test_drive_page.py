@@ -13,7 +13,7 @@ from mdrive_sumo.report.palette import CAV_COLOURS, format_custom_properties
 from server.drive.protocol import InputDevice
 from tests.server.drive.page.conftest import Opened
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
 CONTRAST = (TESTS / "testing" / "web_contrast.js").read_text("utf-8")
 OFFERED = {"cpm": {"objects": [[-30, 20, 3.1, 4.5, 1.8, 3.0]]}, "mcm": {"path": [[60, 21], [0, 21]]}}
 COVERED = """() => [...document.querySelectorAll("#tools button, #speed, #touch > div")].filter((one) => {
@@ -61,7 +61,6 @@ def test_keys_drive_the_car(opened: Opened) -> None:
     assert float(page.inner_text("#speed")) == pytest.approx(server.own.vx * 3.6, abs=3)
 
 
-@pytest.mark.slow
 def test_time_is_dragged_back_and_driven_anew(opened: Opened) -> None:
     server = opened()
     page = started(server)
@@ -228,7 +227,6 @@ def test_without_webgl_the_top_view_drives(opened: Opened) -> None:
     assert 0xC9CED6 in colours  # the road of the palette
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1280, 720), (390, 844), (844, 390)])
 def test_every_control_is_there_on_every_window(opened: Opened, size: tuple[int, int]) -> None:
     server = opened(size=size, touch=size[0] < 1000)

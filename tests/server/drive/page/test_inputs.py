@@ -149,6 +149,7 @@ def test_a_wrong_calibration_says_why(page: Any, readings: list[list[float]], se
     assert caught.startswith(sentence)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "stored",
     ["{", "null", "{}", "[]", '{"steer": {"axis": 0}}', json.dumps({"steer": 1, "throttle": 2, "brake": 3}), '"text"'],
@@ -194,6 +195,7 @@ def test_a_wheel_is_calibrated_and_remembered_and_the_keyboard_takes_over(opened
     assert page.evaluate("loadCalibration(makePad()).throttle") == {"axis": 1, "rest": 1, "full": -1}
 
 
+@pytest.mark.slow
 def test_a_gamepad_that_goes_is_told(opened: Opened) -> None:
     server = opened(script=FAKE_PAD)
     page = started(server)

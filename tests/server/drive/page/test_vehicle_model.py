@@ -1,5 +1,6 @@
 """The vehicle model of the page against `vehicle.dynamics`, over random drives; and what prediction makes of it."""
 
+import json
 from dataclasses import asdict, astuple
 from typing import Any
 
@@ -14,7 +15,8 @@ from mdrive_sumo.vehicle.dynamics import MKZ_2017, VehicleParameters, VehicleSta
 from server.drive.protocol import STATE_FIELDS
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-DRIVES, TICKS = 1000, 40
+DRIVES, TICKS = 1000, 20
+WET = VehicleParameters(grip=0.7)
 MODEL = """({drives, vehicle, fields}) => drives.map(({state, controls}) => {
   let body = Object.fromEntries(fields.map((name, i) => [name, state[i]]));
   return controls.map(([throttle, brake, steer]) => {
@@ -38,22 +40,31 @@ def draw_drives(rng: np.random.Generator, ticks: int = TICKS) -> list[dict[str, 
     drives = []
     for _ in range(DRIVES):
         speed = rng.choice([0.0, rng.uniform(-3, 40)], p=[0.2, 0.8])
-        state = VehicleState(
+        state = [
             *rng.uniform(-500, 500, 2).tolist(), float(rng.uniform(-3.14, 3.14)), float(speed),
-            float(rng.normal(0, 0.5)), float(rng.normal(0, 0.3)), *(float(rng.uniform(0, 0.7)) for _ in range(3)), 0.0,
-        )  # fmt: skip
+            float(rng.normal(0, 0.5)), float(rng.normal(0, 0.3)), *rng.uniform(0, 0.7, 3).tolist(), 0.0,
+        ]  # fmt: skip
         changes = rng.uniform((0, 0, -1), (1, 1, 1), (ticks // 5, 3)) * (rng.random((ticks // 5, 3)) < 0.7)
         controls = np.repeat(np.round(changes, 4), 5, axis=0)
-        drives.append({"state": list(astuple(state)), "controls": controls.tolist()})
+        drives.append({"state": state, "controls": controls.tolist()})
     return drives
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("vehicle", [MKZ_2017, VehicleParameters(grip=0.7)], ids=["dry", "wet"])
-def test_the_model_is_that_of_the_simulation(page: Any, vehicle: VehicleParameters) -> None:
-    drives = draw_drives(np.random.default_rng(40))
+def test_the_model_is_that_of_the_simulation(page: Any) -> None:
+    """On dry and on wet roads, over 1 000 drives of a second with all that can happen in it."""
+    rng = np.random.default_rng(40)
+    drives = draw_drives(rng)
+    half = DRIVES // 2
+    apart = np.concatenate((compare(page, drives[:half], MKZ_2017), compare(page, drives[half:], WET)))
+    assert apart.shape == (DRIVES, TICKS, len(STATE_FIELDS))
+    assert apart.max() < 1e-6
+
+
+def compare(page: Any, drives: list[dict[str, Any]], vehicle: VehicleParameters) -> np.ndarray:
+    """How far the states of the page's model are from those of the simulation's."""
     given = {"drives": drives, "vehicle": asdict(vehicle), "fields": list(STATE_FIELDS)}
-    computed = np.array(page.evaluate(MODEL, given))
+    computed = np.array(json.loads(page.evaluate(f"(given) => JSON.stringify(({MODEL})(given))", given)))
     expected = np.zeros_like(computed)
     for row, drive in enumerate(drives):
         body = VehicleState(*drive["state"])
@@ -62,7 +73,7 @@ def test_the_model_is_that_of_the_simulation(page: Any, vehicle: VehicleParamete
             expected[row, tick] = astuple(body)
     apart = np.abs(computed - expected)
     apart[..., 2] = np.abs(np.remainder(apart[..., 2] + np.pi, 2 * np.pi) - np.pi)  # yaws beside the cut at pi
-    assert apart.max() < 1e-6
+    return apart
 
 
 SIMULATION = (TESTS / "testing" / "drive_network.js").read_text("utf-8")
