@@ -56,19 +56,18 @@ def run_drive(*arguments: object) -> Generator[DriveCommand]:
     """Run `mdrive-sumo drive` with a free port and without a browser."""
     command = [sys.executable, "-m", "mdrive_sumo", "drive", *map(str, arguments), "--no-browser", "--port", "0"]
     pipe = subprocess.PIPE
-    process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, cwd=ROOT)
-    try:
-        running = DriveCommand(process)
-        running.read_links()
-        yield running
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGTERM)
-            try:
-                process.communicate(timeout=30)
-            except subprocess.TimeoutExpired:
-                process.kill()
-        process.wait(START_S)
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, cwd=ROOT) as process:
+        try:
+            running = DriveCommand(process)
+            running.read_links()
+            yield running
+        finally:
+            if process.poll() is None:
+                process.terminate()
+                try:
+                    process.wait(30)
+                except subprocess.TimeoutExpired:
+                    process.kill()
 
 
 def run_command(*arguments: object) -> str:
