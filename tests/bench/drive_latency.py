@@ -1,0 +1,147 @@
+"""Key to picture and pictures a second of `mdrive-sumo drive` in Chromium: `python tests/bench/drive_latency.py`.
+
+A scripted driver presses and releases pedals and steering keys while the car drives. A key's time goes from the event's
+own time stamp to the next animation frame after the picture that was drawn with it, so the browser's compositor has
+the picture by then. Rows differ in the added delay of a proxy between browser and server, half of it each way. Without
+a GPU Chromium draws with SwiftShader, on the cores that the simulation needs as well.
+"""
+
+import asyncio
+import os
+import platform
+import statistics
+import sys
+import tempfile
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+from itertools import product
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import click
+from playwright.sync_api import sync_playwright
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from testing.chromium import CHROMIUM, list_gl_flags, wait_until
+from testing.drive_command import KeyDriver, run_drive
+
+MEASURE = """() => {
+    window.measured = [];
+    addEventListener("keydown", (event) => {
+        if (event.repeat || Drive.mode !== "driving") return;
+        const before = Drive.inputs.control;
+        const look = () => {
+            if (Drive.inputs.control === before) return requestAnimationFrame(look);
+            const shown = () => window.measured.push(performance.now() - event.timeStamp);
+            return requestAnimationFrame(shown);
+        };
+        requestAnimationFrame(look);
+    }, true);
+}"""
+"""A control object is made anew for every picture, so another one means that a picture was drawn after the key."""
+VIEWS = {"driver": "1", "top": "4"}
+"""Keys that choose a view."""
+KEYS = ("w", "a", "s", "d")
+PRESS_MS, REST_MS = 60, 90
+"""A key is held and released for so long [ms]: no multiple of a picture or a tick, so presses fall anywhere in both."""
+
+
+async def _pass(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, delay_s: float) -> None:
+    """Pass bytes on, each some time after it came."""
+    loop = asyncio.get_running_loop()
+    try:
+        while data := await reader.read(2**16):
+            loop.call_later(delay_s, writer.write, data)
+    except ConnectionError:
+        pass
+    loop.call_later(delay_s, writer.close)
+
+
+async def _serve_proxy(port: int, delay_s: float, ready: Any) -> None:
+    async def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        far_reader, far_writer = await asyncio.open_connection("127.0.0.1", port)
+        await asyncio.gather(_pass(reader, far_writer, delay_s), _pass(far_reader, writer, delay_s))
+
+    server = await asyncio.start_server(accept, "127.0.0.1", 0)
+    ready(server.sockets[0].getsockname()[1])
+    await server.serve_forever()
+
+
+@contextmanager
+def delay_network(port: int, delay_ms: float) -> Generator[int]:
+    """Yield the port of a proxy that adds a delay to the way there and back together."""
+    if not delay_ms:
+        yield port
+        return
+    found: list[int] = []
+    is_ready = threading.Event()
+
+    def note(number: int) -> None:
+        found.append(number)
+        is_ready.set()
+
+    work = _serve_proxy(port, delay_ms / 2000, note)
+    threading.Thread(target=lambda: asyncio.run(work), daemon=True).start()
+    is_ready.wait(10)
+    yield found[0]
+
+
+def describe(times: list[float]) -> str:
+    """Return median and 95th percentile."""
+    if len(times) < 2:
+        return "too few"
+    return f"median {statistics.median(times):6.1f} ms   p95 {statistics.quantiles(times, n=20)[-1]:6.1f} ms"
+
+
+def measure(browser: Any, link: str, delay_ms: float, presses: int, view: str) -> None:
+    """Drive and print one row."""
+    parts = urlsplit(link)
+    with delay_network(parts.port or 0, delay_ms) as port:
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.goto(link.replace(f":{parts.port}/", f":{port}/"))
+        wait_until(page, "Boolean(document.body.dataset.scene)", 60)
+        driver = KeyDriver(page)
+        driver.start()
+        wait_until(page, "document.body.dataset.mode === 'driving'", 60)
+        page.keyboard.press(VIEWS[view])
+        page.evaluate(MEASURE)
+        page.evaluate("Drive.frameTimes.length = 0")
+        for i in range(presses):
+            if driver.mode != "driving":
+                break
+            page.keyboard.down(KEYS[i % len(KEYS)])
+            page.wait_for_timeout(PRESS_MS)
+            page.keyboard.up(KEYS[i % len(KEYS)])
+            page.wait_for_timeout(REST_MS)
+        times, frames = page.evaluate("[window.measured, Drive.frameTimes]")
+        facts = page.evaluate("[document.body.dataset.tick, Drive.connection.latency]")
+        page.close()
+    rate = 1000 / statistics.mean(frames)
+    click.echo(
+        f"{view:6} view, added {delay_ms:3.0f} ms: key to picture {describe(times)} ({len(times)} keys),"
+        f" {rate:5.1f} pictures/s, tick {facts[0]}, to the server and back {facts[1]:.1f} ms"
+    )
+
+
+@click.command()
+@click.option("--scenario", default="i11_ins_sl_town", show_default=True)
+@click.option("--view", type=click.Choice(list(VIEWS)), multiple=True, default=list(VIEWS), show_default=True)
+@click.option("--gpu", is_flag=True, help="Draw with a graphics card.")
+@click.option("--presses", default=100, show_default=True)
+@click.option("--delay", "delays", multiple=True, type=float, default=(0.0, 150.0, 300.0), show_default=True)
+def main(scenario: str, view: tuple[str, ...], gpu: bool, presses: int, delays: tuple[float, ...]) -> None:
+    """Measure key to picture and pictures a second."""
+    load = f"load {os.getloadavg()[0]:.1f} at the start"
+    click.echo(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {load}; 1280x720")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list_gl_flags(gpu))
+        for name, delay_ms in product(view, delays):
+            with tempfile.TemporaryDirectory() as folder, run_drive(scenario, "--out", f"{folder}/drive") as command:
+                measure(browser, next(iter(command.links.values())), delay_ms, presses, name)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
