@@ -1,6 +1,7 @@
 """`mdrive-sumo drive`: people drive CAVs of a scenario in the browser."""
 
 import asyncio
+import os
 import shlex
 import signal
 import socket
@@ -239,7 +240,7 @@ class ServerPlace:
                 echo(f"note: port {USUAL_PORT} is taken; pages remember settings for each port apart", err=True)
                 return self._listen(0)
             where = f"{self.host} port {USUAL_PORT if self.port is None else self.port}"
-            raise InputError(f"drive: cannot listen on {where}: {error.strerror}; choose another --port") from None
+            raise InputError(f"drive: cannot listen on {where}: {_describe(error)}; choose another --port") from None
 
     def _listen(self, port: int) -> socket.socket:
         family = socket.getaddrinfo(self.host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0][0]
@@ -251,6 +252,11 @@ class ServerPlace:
             return self.public_url.rstrip("/")
         host = _find_own_address() if self.host in ANY_ADDRESS else self.host
         return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def _describe(error: OSError) -> str:
+    """Return why, without the address that asyncio and socket repeat; the resolver's numbers are negative."""
+    return os.strerror(error.errno) if error.errno is not None and error.errno > 0 else str(error.strerror)
 
 
 def _find_own_address() -> str:

@@ -14,12 +14,14 @@ from server.drive.protocol import WireFrame
 def test_a_driver_is_welcomed_and_starts_the_clock(tmp_path: Path) -> None:
     async def test(bench: Bench) -> None:
         driver = await bench.join("ego_0")
-        welcome, waiting, *_, frame = [
-            one for one in await drain(driver) if isinstance(one, WireFrame) or one["is"] in ("welcome", "waiting")
-        ]
+        told = await drain(driver)
+        texts = {one["is"]: one for one in told if not isinstance(one, WireFrame)}
+        welcome, waiting = texts["welcome"], texts["waiting"]
         assert (welcome["role"], welcome["cav"], welcome["vehicle"]["length"]) == ("driver", "ego_0", 4.9)
         assert welcome["takes"][0]["drivers"] == {"ego_0": "human", "ego_1": "sharing", "ego_2": "sharing"}
         assert (waiting["for"], waiting["absent"]) == (["ego_0"], [])
+        frame = next(one for one in told if isinstance(one, WireFrame))
+        assert frame.extra is not None
         assert (frame.own[0], frame.extra["signals"], len(frame.extra["names"])) == (0.0, {"J": "rG"}, 2)
         assert bench.clock_calls == []
         await bench.ask(driver, do="resume")
