@@ -178,7 +178,7 @@ def test_folders_of_drives_have_numbers(tmp_path: Path, monkeypatch: pytest.Monk
     ],
 )
 def test_links_begin_with_how_others_reach_the_server(host: str, public: str | None, url: str) -> None:
-    assert drive_command._Place(host, None, public).find_url(9) == url
+    assert drive_command.ServerPlace(host, None, public).find_url(9) == url
 
 
 def test_with_an_entered_run_its_conditions_hold() -> None:
