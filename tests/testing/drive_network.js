@@ -1,5 +1,5 @@
-({vehicle, delayMs, jitterMs, seconds, state, stall}) => {
-  // A server that ticks every 50 ms, a browser that draws every 16 ms, and a network between them; time is made up.
+({vehicle, delayMs, jitterMs, seconds, state, stall, tickMs}) => {
+  // A server that ticks every `tickMs`, a browser that draws every 16 ms, and a network between them; time is made up.
   let seed = 7;
   const random = () => (seed = (seed * 16807) % 2147483647) / 2147483647;
   const [prediction, clock] = [new Prediction(vehicle), new InputClock()];
@@ -19,7 +19,7 @@
   };
   for (let now = 0; now < 1000 * seconds; now += 2) {
     while (toServer.length && toServer[0].at <= now) queue.push(toServer.shift().what);
-    if (now % 50 === 0) {
+    if (now % tickMs === 0) {
       if (queue.length > 3) queue.splice(0, queue.length - 2);
       if (queue.length) ({control: used, number: ack} = queue.shift());
       else if (now > 1000) repeated += 1;
@@ -31,11 +31,12 @@
     while (!isStalled && toPage.length && toPage[0].at <= now) {
       const frame = toPage.shift().what;
       prediction.acknowledge(frame.ack, frame.body);
+      clock.noteFrame(now);
       if (clock.isDueByFrame(now, prediction.waiting, frame.ack)) send(now);
     }
     if (now % 16 === 0 && prediction.ready) {
       if (clock.isDueByTime(now)) send(now);
-      prediction.advance((now - inputAt) / 50, 0.016);
+      prediction.advance(clock.ticksIn(now - inputAt), clock.ticksIn(16), 0.016);
       pictures.push({now, ...prediction.picture(driven(now))});
       mostWaiting = now > 1000 * seconds - 1000 ? Math.max(mostWaiting, prediction.waiting) : 0;
     }

@@ -210,6 +210,7 @@ class DrivePage {
       this.card.hide();
       this.rewind.close();
     }
+    if (isNew) this.clock.noteFrame(now);
     if (isNew && this.canDrive && this.clock.isDueByFrame(now, this.prediction.waiting, ack)) this.sendInput(now);
   }
 
@@ -299,7 +300,7 @@ class DrivePage {
   advance(now, elapsed) {
     this.inputs.read(elapsed, this.shownState ?? this.own, this.welcome.vehicle, this.ownRoute);
     if (this.clock.isDueByTime(now)) this.sendInput(now);
-    this.prediction.advance((now - (this.inputAt ?? now)) / TICK_MS, elapsed);
+    this.prediction.advance(this.clock.ticksIn(now - (this.inputAt ?? now)), this.clock.ticksIn(1000 * elapsed), elapsed);
   }
 
   get ownRoute() {
@@ -326,7 +327,7 @@ class DrivePage {
 
   /** Ticks since the last frame came, where nobody here drives: one tick behind, so that there is a frame to go to. */
   sinceFrame() {
-    return RUNNING.has(this.state) ? Math.min((performance.now() - (this.lastFrameAt ?? 0)) / TICK_MS, 1) - 1 : 0;
+    return RUNNING.has(this.state) ? Math.min(this.clock.ticksIn(performance.now() - (this.lastFrameAt ?? 0)), 1) - 1 : 0;
   }
 
   toScene(state) {

@@ -23,10 +23,19 @@ class InputClock {
     this.expected = Infinity; // inputs on their way after one was left out
   }
 
-  /** Whether a frame that arrives now asks for an input; `waiting` inputs are without an answer, `ack` was used last. */
-  isDueByFrame(now, waiting, ack) {
+  /** Notes that a frame arrives. */
+  noteFrame(now) {
     if (this.lastFrame !== undefined) this.interval += OF_NEW_INTERVAL * (Math.min(now - this.lastFrame, LONGEST_INTERVAL_MS) - this.interval);
     this.lastFrame = now;
+  }
+
+  /** Ticks that pass in this time [ms]: fewer where the simulation is slower than real time. */
+  ticksIn(elapsed) {
+    return elapsed / Math.max(TICK_MS, this.interval);
+  }
+
+  /** Whether a frame that arrives now asks for an input; `waiting` inputs are without an answer, `ack` was used last. */
+  isDueByFrame(now, waiting, ack) {
     if (this.credit > 0) {
       this.credit -= 1;
       return false;

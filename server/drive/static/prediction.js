@@ -71,12 +71,14 @@ class Prediction {
     this.error.yaw = wrapAngle(this.error.yaw + before.yaw - after.yaw);
   }
 
-  /** Moves the time of the picture on: `sinceInput` [ticks] have passed since the newest input, `elapsed` [s] since the last call. */
-  advance(sinceInput, elapsed, tickRate = 1) {
+  /**
+   * Moves the time of the picture on: `sinceInput` ticks have passed since the newest input, `ticks` since the last call, `elapsed` [s].
+   */
+  advance(sinceInput, ticks, elapsed) {
     const target = this.newest + Math.min(sinceInput, MOST_AHEAD);
     if (this.shown === undefined || Math.abs(target - this.shown) > JUMP_TICKS) this.shown = target;
     else {
-      const next = this.shown + (sinceInput < MOST_AHEAD ? (elapsed / TICK_S) * tickRate : 0);
+      const next = this.shown + (sinceInput < MOST_AHEAD ? ticks : 0);
       this.shown = Math.max(this.shown, next + (target - next) * -Math.expm1(-elapsed / CLOCK_S));
     }
     this.shown = Math.min(Math.max(this.shown, this.acknowledged), this.newest + MOST_AHEAD);

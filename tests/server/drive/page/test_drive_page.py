@@ -10,7 +10,7 @@ from testing.drive_page_server import DrivePageServer
 from testing.paths import TESTS
 
 from mdrive_sumo.report.palette import CAV_COLOURS, format_custom_properties
-from server.drive.protocol import InputDevice
+from server.drive.protocol import FrameState, InputDevice
 from tests.server.drive.page.conftest import Opened
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
@@ -195,6 +195,16 @@ def test_a_page_that_is_hidden_pauses(opened: Opened) -> None:
     }""")
     wait_until(page, "document.body.dataset.mode === 'paused'")
     assert page.evaluate("Drive.inputs.control.throttle") == 0
+
+
+def test_a_slow_simulation_says_so(opened: Opened) -> None:
+    server = opened()
+    page = started(server)
+    server.drive(2)
+    assert not page.is_visible("#pace")
+    server.state, server.extra = FrameState.SLOW, {"factor": 0.8}
+    server.drive(2)
+    assert page.text_content("#pace") == "simulation runs at 0.80 of real time" and page.is_visible("#pace")
 
 
 def test_a_spectator_watches(opened: Opened) -> None:

@@ -82,7 +82,15 @@ ROLLING = dict.fromkeys(STATE_FIELDS, 0.0) | {"vx": 10.0}
 
 def simulate(page: Any, **options: Any) -> dict[str, Any]:
     """Ten seconds of a drive over a network."""
-    given = {"vehicle": asdict(MKZ_2017), "delayMs": 0, "jitterMs": 0, "seconds": 10, "state": ROLLING, "stall": None}
+    given = {
+        "vehicle": asdict(MKZ_2017),
+        "delayMs": 0,
+        "jitterMs": 0,
+        "seconds": 10,
+        "state": ROLLING,
+        "stall": None,
+        "tickMs": 50,
+    }
     return page.evaluate(SIMULATION, given | options)
 
 
@@ -109,6 +117,12 @@ def test_pictures_move_smoothly(page: Any, delay_ms: int, jitter_ms: int, limit_
     moved, due = measure_steps(simulate(page, delayMs=delay_ms, jitterMs=jitter_ms)["pictures"])
     assert np.abs(moved - due).max() < limit_m
     assert moved.sum() == pytest.approx(due.sum(), rel=0.02)
+
+
+@pytest.mark.parametrize("tick_ms", [62, 100])
+def test_a_slow_simulation_is_seen_in_slow_motion(page: Any, tick_ms: int) -> None:
+    moved, due = measure_steps(simulate(page, delayMs=20, tickMs=tick_ms)["pictures"], 3000)
+    assert np.abs(moved - due * 50 / tick_ms).max() < 0.03
 
 
 def test_a_pedal_acts_in_the_next_picture(page: Any) -> None:
