@@ -7,10 +7,11 @@ log overlap then, one of them must be invisible to SUMO's traffic.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
+from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap
 from real2sim.fit.background_vehicle import RoutedTrack
 
@@ -28,6 +29,13 @@ class CentrelineTraffic:
 
     drivers: Sequence[RoutedTrack]
     poses: Float
+
+    @cached_property
+    def lanes(self) -> Int:
+        """The number (K, T) of the lane, -1 without one."""
+        numbers = {"": -1}
+        rows = [[numbers.setdefault(lane, len(numbers)) for lane in driver.match.lanes] for driver in self.drivers]
+        return np.array(rows, dtype=np.int64)
 
     def corners(self, k: int, frames: np.ndarray, grown: float) -> Float:
         """Return the corners (N, 4, 2) of a vehicle's box in frames (N,), each side moved outwards by `grown` [m]."""
@@ -52,11 +60,12 @@ def find_abreast(traffic: CentrelineTraffic, dt_s: float) -> dict[str, str]:
     reasons: dict[str, str] = {}
     drivers = traffic.drivers
     for k, candidate in enumerate(drivers):
-        for n in range(k):
+        in_one_lane = (traffic.lanes[:k] == traffic.lanes[k]) & (traffic.lanes[k] >= 0)
+        for n in np.flatnonzero(in_one_lane.any(axis=1)).tolist():
             other = drivers[n]
             if candidate.track.id in reasons or other.track.id in reasons:
                 continue
-            frames = _find_overlap_frames(traffic, k, n)
+            frames = _find_overlap_frames(traffic, k, n, in_one_lane[n])
             if len(frames) * dt_s < LEAST_S:
                 continue
             off = [float(np.mean(np.abs(driver.match.offset[frames]))) for driver in (candidate, other)]
@@ -65,10 +74,8 @@ def find_abreast(traffic: CentrelineTraffic, dt_s: float) -> dict[str, str]:
     return reasons
 
 
-def _find_overlap_frames(traffic: CentrelineTraffic, k: int, n: int) -> np.ndarray:
-    lanes, other = (traffic.drivers[i].match.lanes for i in (k, n))
-    same = np.array([a == b != "" for a, b in zip(lanes, other, strict=True)], dtype=np.bool_)
-    frames = _find_near_frames(traffic, k, same, traffic.poses[n, :, :2])
+def _find_overlap_frames(traffic: CentrelineTraffic, k: int, n: int, in_one_lane: Bool) -> np.ndarray:
+    frames = _find_near_frames(traffic, k, in_one_lane, traffic.poses[n, :, :2])
     if not len(frames):
         return frames
     boxes = (traffic.corners(i, frames, -DEEP_M) for i in (k, n))
@@ -79,8 +86,9 @@ def find_vehicles_through(traffic: CentrelineTraffic, there: Bool, corners: Floa
     """Return the track ids of vehicles that pass through the boxes of an object with corners (T, 4, 2), in frames when
     it is `there`."""
     abreast: list[str] = []
+    centres = corners.mean(axis=1)
     for k, driver in enumerate(traffic.drivers):
-        frames = _find_near_frames(traffic, k, there, corners.mean(axis=1))
+        frames = _find_near_frames(traffic, k, there, centres)
         if len(frames) and boxes_overlap(traffic.corners(k, frames, PASSING_GAP_M), corners[frames]).any():
             abreast.append(driver.track.id)
     return abreast
@@ -89,4 +97,4 @@ def find_vehicles_through(traffic: CentrelineTraffic, there: Bool, corners: Floa
 def _find_near_frames(traffic: CentrelineTraffic, k: int, rows: Bool, xy: Float) -> np.ndarray:
     """Return the frames among `rows` (T,) in which a vehicle is near points (T, 2) [m]."""
     apart = np.hypot(*(traffic.poses[k, :, :2] - xy).T)
-    return np.flatnonzero(rows & (np.nan_to_num(apart, nan=np.inf) < OVERLAP_RANGE_M))
+    return np.flatnonzero(rows & (apart < OVERLAP_RANGE_M))  # NaN compares false

@@ -1,6 +1,7 @@
 """Car-following parameters observed in a log: time headway, standstill gap, acceleration, deceleration."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,24 +26,33 @@ GAP_PERCENTILE = 5.0
 
 def estimate_driving(drivers: Sequence[RoutedTrack], dt_s: float) -> list[CarFollowing]:
     """Return the parameters of every driver, such that its model never needs more room than it took in the log."""
-    lanes, s = _lane_positions(drivers)
-    return [_estimate_vehicle(drivers, k, lanes, s, dt_s) for k in range(len(drivers))]
+    traffic = _LaneTraffic.from_drivers(drivers)
+    return [_estimate_vehicle(traffic, k, dt_s) for k in range(len(drivers))]
 
 
-def _lane_positions(drivers: Sequence[RoutedTrack]) -> tuple[Int, Float]:
-    """Return the lane number (K, T), -1 without a lane, and the arc length (K, T) [m]."""
-    numbers = {"": -1}
-    for driver in drivers:
-        for lane in driver.match.lanes:
-            numbers.setdefault(lane, len(numbers) - 1)
-    lanes = np.array([[numbers[lane] for lane in driver.match.lanes] for driver in drivers], dtype=np.int64)
-    return lanes, np.array([driver.match.s for driver in drivers])
+@dataclass(frozen=True)
+class _LaneTraffic:
+    drivers: Sequence[RoutedTrack]
+    number_by_lane: Mapping[str, int]
+    lanes: Int
+    """The number of the lane (K, T), -1 without one."""
+    s: Float
+    """Arc length on it (K, T) [m]."""
+
+    @classmethod
+    def from_drivers(cls, drivers: Sequence[RoutedTrack]) -> "_LaneTraffic":
+        numbers = {"": -1}
+        for driver in drivers:
+            for lane in driver.match.lanes:
+                numbers.setdefault(lane, len(numbers) - 1)
+        lanes = np.array([[numbers[lane] for lane in driver.match.lanes] for driver in drivers], dtype=np.int64)
+        return cls(drivers, numbers, lanes, np.array([driver.match.s for driver in drivers]))
 
 
-def _estimate_vehicle(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float, dt_s: float) -> CarFollowing:
-    driver = drivers[k]
+def _estimate_vehicle(traffic: _LaneTraffic, k: int, dt_s: float) -> CarFollowing:
+    driver = traffic.drivers[k]
     speed = np.gradient(driver.progress, dt_s) if len(driver.progress) > 1 else np.zeros_like(driver.progress)
-    gaps = _compute_gaps(drivers, k, lanes, s)
+    gaps = _compute_gaps(traffic, k)
     standing = gaps[(speed < STANDING) & np.isfinite(gaps)]
     close = min(_low_percentile(standing, MIN_GAP_M[1]), _low_percentile(gaps[np.isfinite(gaps)], MIN_GAP_M[1]))
     min_gap = float(np.clip(close, *MIN_GAP_M))
@@ -60,20 +70,18 @@ def _estimate_vehicle(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Flo
     )
 
 
-def _compute_gaps(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float) -> Float:
+def _compute_gaps(traffic: _LaneTraffic, k: int) -> Float:
     """Return the bumper-to-bumper distance (T,) [m] to the next vehicle on the lanes of the route; NaN without one."""
-    driver = drivers[k]
-    begins = np.full((int(lanes.max()) + 2,), np.nan)
-    by_name = {lane: number for row, other in zip(lanes, drivers, strict=True)
-               for number, lane in zip(row.tolist(), other.match.lanes, strict=True)}  # fmt: skip
+    driver = traffic.drivers[k]
+    begins = np.full((int(traffic.lanes.max()) + 2,), np.nan)
     for stage in driver.path.edges_in_order:
         for lane in stage.lanes:
-            if lane.id in by_name:
-                begins[by_name[lane.id]] = stage.begin
+            if lane.id in traffic.number_by_lane:
+                begins[traffic.number_by_lane[lane.id]] = stage.begin
     begins[-1] = np.nan
-    ahead = begins[lanes] + s - driver.progress[None, :]
+    ahead = begins[traffic.lanes] + traffic.s - driver.progress[None, :]
     ahead[k] = np.nan
-    half = np.array([other.length / 2 for other in drivers])[:, None] + driver.length / 2
+    half = np.array([other.length / 2 for other in traffic.drivers])[:, None] + driver.length / 2
     ahead = np.where((ahead > 0.5) & (ahead < LEADER_RANGE_M), ahead - half, np.inf)
     nearest = ahead.min(axis=0)
     return np.where(np.isfinite(nearest), np.maximum(nearest, 0.0), np.nan)

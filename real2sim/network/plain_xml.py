@@ -170,7 +170,7 @@ def _set_shape(lane: Element, xy: Float, length: float) -> None:
 
 def format_shape(xy: Float) -> str:
     """Return points in SUMO's text format."""
-    return " ".join(f"{x:.3f},{y:.3f}" for x, y in xy)
+    return " ".join(f"{x:.3f},{y:.3f}" for x, y in xy.tolist())
 
 
 def _collect_internal_lanes(root: Element) -> dict[tuple[str, str], tuple[str, ...]]:

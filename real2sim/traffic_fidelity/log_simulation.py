@@ -1,7 +1,9 @@
 """Runs the scenario of a log in SUMO while everything that SUMO does not drive follows its logged poses."""
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,15 +24,21 @@ class TimedPath:
     states: Float
     stays: bool = False
 
-    def at(self, time: float) -> Float | None:
+    @cached_property
+    def _rows(self) -> tuple[list[float], list[tuple[float, ...]]]:
+        """Times and states as plain numbers: a look-up of one row of arrays takes four times as long."""
+        return self.times.tolist(), list(map(tuple, self.states.tolist()))
+
+    def at(self, time: float) -> tuple[float, ...] | None:
         """x, y [m], yaw [rad], speed [m/s]; None before and after."""
-        if time < self.times[0] - 1e-6 or (time > self.times[-1] + 1e-6 and not self.stays):
+        times, states = self._rows
+        if time < times[0] - 1e-6 or (time > times[-1] + 1e-6 and not self.stays):
             return None
-        k = int(np.searchsorted(self.times, time, side="right")) - 1  # the last pose before or at that time
-        if k < 0 or k == len(self.times) - 1 or self.times[k] == time:
-            return self.states[max(k, 0)]
-        slope = (self.states[k + 1] - self.states[k]) / (self.times[k + 1] - self.times[k])
-        return slope * (time - self.times[k]) + self.states[k]
+        k = bisect_right(times, time) - 1  # the last pose before or at that time
+        if k < 0 or k == len(times) - 1 or times[k] == time:
+            return states[max(k, 0)]
+        passed, step = time - times[k], times[k + 1] - times[k]
+        return tuple([(b - a) / step * passed + a for a, b in zip(states[k], states[k + 1], strict=True)])
 
 
 def build_track_path(track: RecordedTrack, dt_s: float) -> TimedPath:
@@ -62,7 +70,7 @@ def build_actor_path(actor: Actor) -> TimedPath:
 def place_egos(cavs: Mapping[str, TimedPath], time: float) -> dict[str, EgoState]:
     """Return the states of the CAVs that are present at `time` [s]."""
     now = ((name, path.at(time)) for name, path in cavs.items())
-    return {name: EgoState(*(float(value) for value in state)) for name, state in now if state is not None}
+    return {name: EgoState(*state) for name, state in now if state is not None}
 
 
 def place_actors(actors: Sequence[tuple[Actor, TimedPath]], time: float) -> Actors:

@@ -20,7 +20,7 @@ def test_a_pose_is_interpolated_as_numpy_does(data: st.DataObject) -> None:
         state = path.at(float(time))
         expected = [np.interp(time, times, column) for column in states.T]
         assert state is not None
-        assert state.tolist() == expected
+        assert list(state) == expected
 
 
 def test_paths_meet_where_they_first_come_near() -> None:
