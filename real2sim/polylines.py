@@ -83,15 +83,19 @@ class PolylineIndex:
         stations = np.clip(s, 0.0, None) + base[line]
         return yaws[np.maximum(np.searchsorted(begins, stations, side="right") - 1, 0)]
 
-    def project_points(self, xy: Float, reach: float) -> PolylineProjections:
-        """Project points xy (N, 2) [m] onto all polylines within `reach` [m].
+    def locate_points(self, xy: Float, reach: float) -> tuple[Int, Int, Float, Float]:
+        """Return point, polyline, arc length (P,) [m] and position (P, 2) [m] of the projections within `reach` [m].
 
         The bits are those of GEOS (`dwithin`, `line_locate_point`, `line_interpolate_point`), without its walk along
         the whole polyline for each point.
         """
         point, piece, s = self._find_nearest_pieces(xy, reach)
-        line = self._pieces.line[piece]
-        gap = self._interpolate_points(piece, s) - xy[point]
+        return point, self._pieces.line[piece], s, self._interpolate_points(piece, s)
+
+    def project_points(self, xy: Float, reach: float) -> PolylineProjections:
+        """Project points xy (N, 2) [m] onto all polylines within `reach` [m]."""
+        point, line, s, foot = self.locate_points(xy, reach)
+        gap = foot - xy[point]
         yaw = self.compute_yaws(line, s)
         cos, sin = np.cos(yaw), np.sin(yaw)
         return PolylineProjections(

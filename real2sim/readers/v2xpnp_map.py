@@ -15,8 +15,9 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.geometry import Float, Polyline
 from real2sim.hd_map import HdMap, LaneKind, MapLane
+from real2sim.polylines import PolylineIndex
 from real2sim.readers.input_checks import describe_value, parse_points
 from real2sim.readers.safe_pickle import NUMPY_GLOBALS, Constructor, load_pickle
 
@@ -26,6 +27,8 @@ LANE_KINDS: Mapping[int, LaneKind] = MappingProxyType(
     {1: LaneKind.DRIVING, 2: LaneKind.SIDEWALK, 3: LaneKind.SHOULDER, 4: LaneKind.PARKING}
 )
 """The format's LaneType; 0 is unknown."""
+BESIDE_M = 2.0
+"""[m] Most boundary points are nearer to the centre line; all are projected, those nearer faster."""
 ON_CENTRE_M = 0.05
 """[m] A boundary point this close to the centre line is on neither side."""
 
@@ -167,17 +170,29 @@ def _split_boundary(centre: Float, boundary: Float) -> tuple[Float, Float]:
     """Split boundary points (N, 2) into those left and right of the centre line, sorted along it."""
     if not len(boundary):
         return boundary, boundary
-    line, spots = shapely.LineString(centre), shapely.points(boundary)
-    station = shapely.line_locate_point(line, spots)
+    station, foot = _locate_on_line(centre, boundary)
     lengths = np.hypot(*np.diff(centre, axis=0).T)
     segment = np.clip(np.searchsorted(np.cumsum(lengths), station), 0, len(lengths) - 1)
     ahead = np.diff(centre, axis=0)[segment] / lengths[segment, None]
-    gap = boundary - shapely.get_coordinates(shapely.line_interpolate_point(line, station))
+    gap = boundary - foot
     along = station + (ahead * gap).sum(1)  # extends beyond the ends, where `station` is clamped
     aside = ahead[:, 0] * gap[:, 1] - ahead[:, 1] * gap[:, 0]
     order = np.argsort(along, kind="stable")
     left, right = (boundary[order[side[order]]] for side in (aside > ON_CENTRE_M, aside < -ON_CENTRE_M))
     return left if len(left) > 1 else left[:0], right if len(right) > 1 else right[:0]
+
+
+def _locate_on_line(centre: Float, points: Float) -> tuple[Float, Float]:
+    """Return arc lengths (N,) [m] and positions (N, 2) [m] of the projections of points (N, 2) onto a line."""
+    station, foot = np.empty(len(points)), np.empty((len(points), 2))
+    near, _, station_near, foot_near = PolylineIndex((Polyline(centre),)).locate_points(points, BESIDE_M)
+    station[near], foot[near] = station_near, foot_near
+    far = np.setdiff1d(np.arange(len(points)), near)
+    if len(far):
+        line = shapely.LineString(centre)
+        station[far] = shapely.line_locate_point(line, shapely.points(points[far]))
+        foot[far] = shapely.get_coordinates(shapely.line_interpolate_point(line, station[far]))
+    return station, foot
 
 
 def _build_crosswalks(path: Path, features: list[Any], skipped_counts: Counter[str]) -> Iterator[Float]:
