@@ -107,9 +107,13 @@ class PolylineIndex:
         of its projection; of segments equally near the first.
         """
         point, piece, distance, share = self._pieces.find_near(xy, reach)
-        order = np.lexsort((piece, distance, self._pieces.line[piece], point))
-        order = order[find_first(point[order], self._pieces.line[piece[order]])]
-        point, piece, share = point[order].astype(np.int64), piece[order].astype(np.int64), share[order]
+        order = np.argsort(point * len(self._pieces.line) + piece)
+        point, piece, distance, share = (column[order] for column in (point, piece, distance, share))
+        begins = np.flatnonzero(find_first(point, self._pieces.line[piece]))
+        pair = np.cumsum(np.bincount(begins, minlength=len(point))) - 1
+        least = np.flatnonzero(distance == np.minimum.reduceat(distance, begins)[pair]) if len(begins) else begins
+        least = least[find_first(pair[least])]
+        point, piece, share = point[least], piece[least], share[least]
         length = np.sqrt(self._pieces.squared[piece])
         passed = np.where(share <= 0.0, 0.0, np.where(share <= 1.0, share * length, length))
         return point, piece, self._stations[0][piece] + passed

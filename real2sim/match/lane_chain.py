@@ -61,30 +61,35 @@ def find_best_chain(
     driven = np.concatenate(((0.0,), np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))) if len(xy) > 1 else np.zeros(1)
     layers = [np.flatnonzero(near.point == key) for key in keys]
     chain: list[dict[int, _ViterbiStep]] = [{int(row): _ViterbiStep(-1, float(cost[row]), None) for row in layers[0]}]
+    lanes, s = [index.roads.driving[lane].id for lane in near.lane.tolist()], near.s.tolist()
     for k in range(1, len(keys)):
         distance = float(driven[keys[k]] - driven[keys[k - 1]])
-        chain.append({int(row): _find_best_step(index, near, chain[-1], int(row), distance) for row in layers[k]})
-        for row, step in chain[-1].items():
+        before = [
+            (step.cost, s[there], there, index.find_paths(lanes[there], distance + DETOUR_M, LANE_CHANGE_M))
+            for there, step in chain[-1].items()
+        ]
+        chain.append({})
+        for row in layers[k].tolist():
+            step = _find_best_step(before, lanes[row], s[row], distance)
             chain[-1][row] = _ViterbiStep(step.predecessor, step.cost + float(cost[row]), step.path)
     return _backtrack(chain)
 
 
 def _find_best_step(
-    index: LaneCandidateIndex, near: LaneCandidates, before: dict[int, _ViterbiStep], row: int, driven: float
+    before: list[tuple[float, float, int, dict[str, LanePath]]], goal: str, s: float, driven: float
 ) -> _ViterbiStep:
-    goal = index.roads.driving[near.lane[row]].id
+    """Return the best step to arc length `s` [m] on the lane `goal`. `before`: cost, arc length, row, and the paths
+    from the lane of each candidate of the key frame before."""
     best = _ViterbiStep(-1, np.inf, None)
-    for there, step in before.items():
-        start = index.roads.driving[near.lane[there]].id
-        hop = index.find_paths(start, driven + DETOUR_M, LANE_CHANGE_M).get(goal)
+    for cost, start, there, paths in before:
+        hop = paths.get(goal)
         added = BREAK_COST
         if hop is not None:
-            network = hop.length + float(near.s[row] - near.s[there])
-            added = compute_transition_cost(network, driven, hop.lane_changes)
+            added = compute_transition_cost(hop.length + (s - start), driven, hop.lane_changes)
         if added >= BREAK_COST:
             hop, added = None, BREAK_COST
-        if step.cost + added < best.cost:
-            best = _ViterbiStep(there, step.cost + added, hop)
+        if cost + added < best.cost:
+            best = _ViterbiStep(there, cost + added, hop)
     return best
 
 

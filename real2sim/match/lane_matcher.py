@@ -185,17 +185,15 @@ def _assemble_match(
     names = [lane.id for lane in index.roads.driving]
     keys = [int(near.point[row]) for row in rows]
     lane, s, offset = [""] * len(track), np.full(len(track), np.nan), np.full(len(track), np.nan)
-    for frame in range(len(seen)):
-        k = int(np.searchsorted(keys, frame, side="right")) - 1
+    frames = np.arange(len(seen) + 1)
+    begins, before = np.searchsorted(near.point, frames).tolist(), np.searchsorted(keys, frames, side="right") - 1
+    lanes, aside = [names[k] for k in near.lane.tolist()], np.abs(near.offset).tolist()
+    for frame, (at, k) in enumerate(zip(seen.tolist(), before.tolist(), strict=False)):
         ways = _find_possible_lanes(k, rows, hops, near, names)
-        candidates = [row for row in _find_rows(near, frame) if names[near.lane[row]] in ways]
+        candidates = [row for row in range(begins[frame], begins[frame + 1]) if lanes[row] in ways]
         if candidates:
-            best = min(candidates, key=lambda row: abs(near.offset[row]))
-            lane[seen[frame]], s[seen[frame]], offset[seen[frame]] = (
-                names[near.lane[best]],
-                near.s[best],
-                near.offset[best],
-            )
+            best = min(candidates, key=aside.__getitem__)
+            lane[at], s[at], offset[at] = lanes[best], near.s[best], near.offset[best]
     broken = [k for k, hop in enumerate(hops) if hop is None]
     first = next((name for name in lane if name), None)
     route = _find_longest_route(index, rows, hops, near, names)
@@ -209,10 +207,6 @@ def _assemble_match(
         tuple(int(seen[keys[k + 1]]) for k in broken),
         first_lane_width=index.roads.lanes[first].width if first else 0.0,
     )
-
-
-def _find_rows(near: LaneCandidates, frame: int) -> range:
-    return range(int(np.searchsorted(near.point, frame)), int(np.searchsorted(near.point, frame, side="right")))
 
 
 def _find_possible_lanes(
