@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Kind
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
@@ -185,13 +186,26 @@ def compute_dtw_distance(first: Float, second: Float, band: int = 5) -> float:
     columns = np.arange(n)[:, None] + np.arange(-band, band + 1)
     gap = second[np.clip(columns, 0, n - 1)] - first[:, None]
     costs = np.where((columns >= 0) & (columns < n), np.hypot(gap[..., 0], gap[..., 1]), np.inf)
-    best = [np.inf] * band + np.cumsum(costs[0, band:]).tolist()
-    for cost in costs[1:].tolist():  # lists: numpy's scalars are ten times slower
-        least, left = [np.inf] * len(cost), np.inf
-        for k, (here, above) in enumerate(zip(cost, [*best[1:], np.inf], strict=True)):
-            least[k] = left = min(best[k], above, left) + here
+    return _sum_least_costs(costs)
+
+
+@twin
+def _sum_least_costs(costs: Float, /) -> float:
+    """Return the least sum of costs (N, W), W odd, from the middle of the first row to that of the last.
+
+    A step leads to the next column, to the next row one column before, which is the same place of the other path, or to
+    the next row.
+    """
+    frames, width = costs.shape
+    middle = width // 2
+    best = [np.inf] * middle + np.cumsum(costs[0, middle:]).tolist()
+    for row in range(1, frames):
+        least, left = [np.inf] * width, np.inf
+        for k in range(width):
+            above = min(best[k], best[k + 1]) if k + 1 < width else best[k]
+            least[k] = left = min(above, left) + float(costs[row, k])
         best = least
-    return best[band]
+    return float(best[middle])
 
 
 def _compute_lane_figures(

@@ -19,19 +19,39 @@ static inline Pair load(const double *numbers) {
 
 enum { ROWS = 4 }; /* at a time: a sum waits for its last addition, so several are under way */
 
-/* The products of up to ROWS rows of a matrix (M, columns) with two vectors. */
-static void multiply_rows(const double *matrix, Py_ssize_t columns, int rows, const double *const vectors[2],
-                          double *const products[2]) {
+enum { EIGHT = 8 };
+
+/* Columns outside which a row has zeros only, which change no sum; `first` is a multiple of eight. */
+typedef struct {
+    Py_ssize_t first, end;
+} Band;
+
+static void find_bands(const double *matrix, Py_ssize_t rows, Py_ssize_t columns, Band *bands) {
+    for (Py_ssize_t i = 0; i < rows; i++, matrix += columns) {
+        Py_ssize_t first = 0, end = columns;
+        while (first < columns && matrix[first] == 0.0) first++;
+        while (end > first && matrix[end - 1] == 0.0) end--;
+        Py_ssize_t whole = (end + EIGHT - 1) / EIGHT * EIGHT;
+        bands[i] = (Band){first / EIGHT * EIGHT, whole < columns ? whole : columns};
+    }
+}
+
+/* The products of ROWS rows, or of one, of a matrix (M, columns) with two vectors, in a band of all of them. Inlined
+   with a known number of rows, so that the sums are in registers. */
+__attribute__((always_inline)) static inline void multiply_rows(const double *matrix, Py_ssize_t columns, Band band, int rows,
+                          const double *const vectors[2], double *const products[2]) {
     Pair sums[ROWS][2] = {0};
-    Py_ssize_t j = 0;
-    for (; j + 8 <= columns; j += 8)
-        for (int k = 6; k >= 0; k -= 2)
+    Py_ssize_t j = band.first;
+    for (; j + EIGHT <= band.end; j += EIGHT)
+#pragma clang loop unroll(full)
+        for (int k = EIGHT - 2; k >= 0; k -= 2)
+#pragma clang loop unroll(full)
             for (int i = 0; i < rows; i++) {
                 Pair row = load(matrix + i * columns + j + k);
                 sums[i][0] += row * load(vectors[0] + j + k);
                 sums[i][1] += row * load(vectors[1] + j + k);
             }
-    for (; j < columns; j += 2)
+    for (; j < band.end; j += 2)
         for (int i = 0; i < rows; i++)
             for (int v = 0; v < 2; v++) {
                 sums[i][v][0] += matrix[i * columns + j] * vectors[v][j];
@@ -41,15 +61,17 @@ static void multiply_rows(const double *matrix, Py_ssize_t columns, int rows, co
         for (int v = 0; v < 2; v++) products[v][i] = sums[i][v][0] + sums[i][v][1];
 }
 
-/* The products (2, rows) of a matrix (rows, columns) with vectors (2, columns). */
-static void multiply(const double *matrix, Py_ssize_t rows, Py_ssize_t columns, const double *vectors,
-                     double *products) {
+/* The products (2, rows) of a matrix (rows, columns) with vectors (2, columns). `bands`: of its rows, NULL: all. */
+static void multiply(const double *matrix, const Band *bands, Py_ssize_t rows, Py_ssize_t columns,
+                     const double *vectors, double *products) {
     const double *const both[2] = {vectors, vectors + columns};
+    Band all = {0, columns};
     Py_ssize_t i = 0;
-    for (; i + ROWS <= rows; i += ROWS)
-        multiply_rows(matrix + i * columns, columns, ROWS, both, (double *[2]){products + i, products + rows + i});
+    for (; !bands && i + ROWS <= rows; i += ROWS)
+        multiply_rows(matrix + i * columns, columns, all, ROWS, both, (double *[2]){products + i, products + rows + i});
     for (; i < rows; i++)
-        multiply_rows(matrix + i * columns, columns, 1, both, (double *[2]){products + i, products + rows + i});
+        multiply_rows(matrix + i * columns, columns, bands ? bands[i] : all, 1, both,
+                      (double *[2]){products + i, products + rows + i});
 }
 
 /* A problem of T frames with N constrained quantities. */
@@ -82,19 +104,19 @@ static bool is_met(const double *found, const double *wanted, Py_ssize_t count) 
 }
 
 /* Leaves the positions (2, T) in p; `work` has room for four arrays (2, N) and one (2, T). */
-static void solve(const Problem *problem, double *work, double *p) {
+static void solve(const Problem *problem, const Band *bands, double *work, double *p) {
     Py_ssize_t frames = problem->frames, count = problem->count, both = 2 * count;
     double *y = work, *u = y + both, *found = u + both, *other = found + both, *free_ = other + both;
-    multiply(problem->inverse, frames, frames, problem->wanted, free_);
+    multiply(problem->inverse, NULL, frames, frames, problem->wanted, free_);
     memcpy(p, problem->wanted, 2 * frames * sizeof *p);
-    multiply(problem->rows, count, frames, p, other);
+    multiply(problem->rows, bands, count, frames, p, other);
     project(problem, other, y);
     memset(u, 0, both * sizeof *u);
     for (int k = 0; k < MAX_ITERATIONS; k++) {
         for (Py_ssize_t i = 0; i < both; i++) other[i] = y[i] - u[i];
-        multiply(problem->pull, frames, count, other, p);
+        multiply(problem->pull, NULL, frames, count, other, p);
         for (Py_ssize_t i = 0; i < 2 * frames; i++) p[i] = free_[i] + p[i];
-        multiply(problem->rows, count, frames, p, found);
+        multiply(problem->rows, bands, count, frames, p, found);
         if (k % CHECK_INTERVAL == CHECK_INTERVAL - 1 && is_met(found, y, both)) return;
         for (Py_ssize_t i = 0; i < both; i++) {
             double now = RELAXATION * found[i] + (1 - RELAXATION) * y[i];
@@ -125,9 +147,14 @@ static PyObject *solve_arrays(const Array *arrays) {
         return NULL;
     }
     double *p, *work = malloc((8 * count + 2 * frames) * sizeof *work);
-    PyObject *result = work ? new_doubles(2, (Py_ssize_t[]){2, frames}, &p) : PyErr_NoMemory();
-    if (result) solve(&problem, work, p);
+    Band *bands = malloc(count * sizeof *bands);
+    PyObject *result = work && bands ? new_doubles(2, (Py_ssize_t[]){2, frames}, &p) : PyErr_NoMemory();
+    if (result) {
+        find_bands(problem.rows, count, frames, bands);
+        solve(&problem, bands, work, p);
+    }
     free(work);
+    free(bands);
     return result;
 }
 

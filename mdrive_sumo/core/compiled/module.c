@@ -14,7 +14,8 @@
     USE(planning_interaction_prediction) USE(planning_motion_conflicts) USE(planning_moving_traffic) \
     USE(planning_obstacle_avoidance) USE(planning_path_follower) USE(planning_path_overlap) \
     USE(planning_pedestrian_caution) USE(planning_profile_search) USE(planning_reference_path) \
-    USE(planning_right_of_way) USE(planning_road_direction) USE(planning_speed_profile) USE(real2sim_tracks_bounded_trajectory) \
+    USE(planning_right_of_way) USE(planning_road_direction) USE(planning_speed_profile) USE(real2sim_quality_actor_quality) \
+    USE(real2sim_tracks_bounded_trajectory) \
     USE(roads_lane_search) \
     USE(scoring_criteria) USE(scoring_metrics_collisions) USE(scoring_metrics_min_pet) USE(scoring_metrics_min_ttc) \
     USE(sensing_lidar_cast) USE(sensing_lidar_sensor) USE(sensing_localization) USE(sensing_objects_sensor) \
