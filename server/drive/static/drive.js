@@ -320,7 +320,7 @@ class DrivePage {
     const own = this.canDrive && ownRow ? { ...ownRow, ...this.shownState, braking: state.brake > 0.05 } : ownRow;
     const centre = own ?? this.spectate(users);
     return {
-      centre: centre && { index: centre.index, x: centre.x, y: centre.y, yaw: centre.yaw, speed: state?.vx ?? centre.speed ?? FLYING_SPEED },
+      centre: centre && { index: centre.index, id: centre.id, x: centre.x, y: centre.y, yaw: centre.yaw, speed: state?.vx ?? centre.speed ?? FLYING_SPEED },
       own: own && this.colour(own), users: others, signals: this.signals, overlays: this.overlays(centre, users), state,
     };
   }
@@ -364,14 +364,21 @@ class DrivePage {
   }
 
   showInstruments({ state, centre }) {
+    const isOwn = this.isDriver && centre.id === this.welcome.cav;
     const shown = state ?? { vx: centre.speed };
-    const route = this.routes.get(this.isDriver ? this.welcome.cav : undefined);
-    const place = route && route.locate(centre.x, centre.y).place;
-    const device = this.isAgentDriving ? `${this.drivers[this.welcome.cav]} drives` : this.inputs.isAssisted ? `${this.inputs.device}, assisted` : this.inputs.device;
-    const control = this.isAgentDriving || this.mode !== "driving" ? controlOf(shown, this.welcome.vehicle) : this.inputs.control;
-    this.instruments.show(shown, control, this.isDriver ? device : "watching", route?.limitAt(place));
-    if (route) this.instruments.guide(route, place);
+    const route = this.routes.get(centre.id);
+    const place = route?.locate(centre.x, centre.y).place;
+    const control = isOwn && this.canDrive && this.mode === "driving" ? this.inputs.control : controlOf(shown, this.welcome.vehicle);
+    this.instruments.show(shown, control, this.nameDriver(isOwn, centre), isOwn ? route?.limitAt(place) : undefined);
+    this.instruments.guide(route, place);
     this.showStatus();
+  }
+
+  /** Who or what drives the car in the picture. */
+  nameDriver(isOwn, centre) {
+    if (!isOwn) return `watching ${nameCav(centre.id)}`;
+    if (this.isAgentDriving) return `${this.drivers[this.welcome.cav]} drives`;
+    return this.inputs.isAssisted ? `${this.inputs.device}, assisted` : this.inputs.device;
   }
 
   showStatus() {

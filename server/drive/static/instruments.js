@@ -34,10 +34,11 @@ class Instruments {
   }
 
   guide(route, place) {
+    $("guide").hidden = !route;
+    if (!route) return;
     const next = route.nextAfter(place);
     const distance = Math.max(0, next.from - place);
     const kind = distance > FAR_M ? "ahead" : next.kind;
-    $("guide").hidden = false;
     $("guide-arrow").firstElementChild.setAttribute("d", ARROWS[kind]);
     setText($("guide-text"), kind === "ahead" ? "Go straight" : NAMES[kind]);
     setText($("guide-distance"), distance < NOW_M && kind !== "goal" ? "now" : formatDistance(distance));
