@@ -53,7 +53,7 @@ MAX_MESSAGE_BYTES = 16 * 1024
 MAX_QUEUE = 64
 """Messages of a browser that wait to be read."""
 ANY_ADDRESS = ("0.0.0.0", "::")
-_SERVER = ("host", "port", "public_url", "no_browser", "on_disconnect", "resume")
+_SERVER = ("host", "port", "public_url", "no_open", "on_disconnect", "resume")
 """Parameters of the server, which a resumed drive may have anew."""
 _ONLY_NEW = ("suite", "cavs", "others", "substitutes", "v2x", "from_run", "tick", "seed", "out", "weather")
 """Parameters that a resumed drive has in its folder."""
@@ -97,7 +97,7 @@ _ONLY_NEW = ("suite", "cavs", "others", "substitutes", "v2x", "from_run", "tick"
 @click.option(
     "--public-url", metavar="URL", help="How others reach this server, for the links: through a proxy or a tunnel."
 )
-@click.option("--no-browser", is_flag=True, help="Print the links, open nothing.")
+@click.option("--no-open", is_flag=True, help="Print the links, open nothing.")
 @click.option(
     "--on-disconnect",
     metavar="pause|AGENT",
@@ -118,7 +118,7 @@ def drive(ctx: click.Context, scenario: str | None, resume: Path | None, **optio
     check_posix("drive: the simulation process")
     stored = _resume(ctx, scenario, resume, options) if resume else _start(ctx, scenario, options)
     place = ServerPlace(options["host"], options["port"], options["public_url"])
-    asyncio.run(_serve(stored, place, is_browser_wanted=not options["no_browser"]))
+    asyncio.run(_serve(stored, place, is_browser_wanted=not options["no_open"]))
 
 
 def _start(ctx: click.Context, scenario: str | None, options: dict[str, Any]) -> StoredDrive:

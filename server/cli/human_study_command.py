@@ -37,7 +37,7 @@ from mdrive_sumo.study.human.write_human_results import ComparedAgents, load_hum
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", type=click.IntRange(0, 65535), help="[default: that of `drive`, or a free one]")
 @click.option("--public-url", metavar="URL", help="How participants reach this server: through a proxy or a tunnel.")
-@click.option("--no-browser", is_flag=True, help="Print the organiser's link, open nothing.")
+@click.option("--no-open", is_flag=True, help="Print the organiser's link, open nothing.")
 @workers_option
 @click.pass_context
 def human(
@@ -50,7 +50,7 @@ def human(
     host: str,
     port: int | None,
     public_url: str | None,
-    no_browser: bool,
+    no_open: bool,
     workers: int,
 ) -> None:
     """Study persons at the wheel (RQ4).
@@ -70,7 +70,7 @@ def human(
         if results:
             _write_results(ctx, study, suite, workers)
         if kinds is None and not results:
-            _serve_study(study, suite, (host, port, public_url), is_browser_wanted=not no_browser)
+            _serve_study(study, suite, (host, port, public_url), is_browser_wanted=not no_open)
 
 
 def _open_study(

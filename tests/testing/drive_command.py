@@ -54,7 +54,7 @@ class DriveCommand:
 @contextmanager
 def run_drive(*arguments: object) -> Generator[DriveCommand]:
     """Run `mdrive-sumo drive` with a free port and without a browser."""
-    command = [sys.executable, "-m", "mdrive_sumo", "drive", *map(str, arguments), "--no-browser", "--port", "0"]
+    command = [sys.executable, "-m", "mdrive_sumo", "drive", *map(str, arguments), "--no-open", "--port", "0"]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, cwd=ROOT) as process:
         try:

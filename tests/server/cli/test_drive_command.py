@@ -23,7 +23,7 @@ SCENARIO = "i11_ins_sl_town"
 
 
 def run(*words: object) -> Result:
-    return CliRunner().invoke(main, ["drive", *map(str, words), "--no-browser", "--port", "0"])
+    return CliRunner().invoke(main, ["drive", *map(str, words), "--no-open", "--port", "0"])
 
 
 def read_refusal(done: Result) -> str:
@@ -93,7 +93,7 @@ def test_what_the_simulation_refuses_is_one_sentence(words: tuple[str, ...], sen
 def test_a_taken_port_and_a_folder_that_cannot_be_made_are_one_sentence(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        done = CliRunner().invoke(main, ["drive", SCENARIO, "--no-browser", "--port", str(port)])
+        done = CliRunner().invoke(main, ["drive", SCENARIO, "--no-open", "--port", str(port)])
         sentence = f"drive: cannot listen on 127.0.0.1 port {port}: Address already in use; choose another --port"
         assert read_refusal(done) == sentence
     (tmp_path / "file").write_text("")
