@@ -192,7 +192,8 @@ class Rewind {
     if (!named || !poses.length) return undefined;
     const [x, y, yaw] = poses[index];
     const paint = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
-    return { x, y, yaw, colour, paint, label: agent, model: named.model, size: [named.length, named.width, named.height], path: poses };
+    const label = cav === this.page.welcome.cav ? agent : undefined;
+    return { x, y, yaw, colour, paint, label, model: named.model, size: [named.length, named.width, named.height], path: poses };
   }
 
   /** The picture of the tick that is shown. */
