@@ -116,11 +116,15 @@ MARKS_OF_MODULE = re.compile(r"^pytestmark = (\[\n(?:    .*\n)*\]|.*$)", re.MULT
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out modules whose tests would all be deselected: importing them is a good part of `make check`."""
+    """Leave out modules whose tests would all be deselected: each worker imports and collects the rest."""
     if collection_path.suffix != ".py" or not collection_path.name.startswith("test_"):
         return None
-    marks = "".join(MARKS_OF_MODULE.findall(collection_path.read_text("utf-8")))
-    unwanted = [part.removeprefix("not ") for part in config.option.markexpr.split(" and ") if part.startswith("not ")]
+    text = collection_path.read_text("utf-8")
+    parts = config.option.markexpr.split(" and ")
+    if "slow" in parts and "pytest.mark.slow" not in text:  # `full` is also given by `testing.sampling`
+        return True
+    marks = "".join(MARKS_OF_MODULE.findall(text))
+    unwanted = [part.removeprefix("not ") for part in parts if part.startswith("not ")]
     return True if any(re.search(rf"\bpytest\.mark\.{mark}\b", marks) for mark in unwanted) else None
 
 

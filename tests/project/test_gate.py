@@ -97,3 +97,28 @@ def test_modules_that_would_be_deselected_are_not_imported(
     module.write_text(f"import pytest\n\npytestmark = {marks}\n\n\n@pytest.mark.slow\ndef test_it() -> None: ...\n")
     config = SimpleNamespace(option=SimpleNamespace(markexpr=expression))
     assert bool(ours.pytest_ignore_collect(module, config)) is left_out
+
+
+@pytest.mark.parametrize(
+    ("body", "expression", "left_out"),
+    [
+        ("def test_it() -> None: ...", "slow and not full", True),
+        ("def test_it() -> None: ...", "not full", False),
+        ("def test_it() -> None: ...", "full", False),  # `testing.sampling` gives that mark
+        ("def test_it() -> None: ...", "slow or it", False),
+        ("@pytest.mark.slow\ndef test_it() -> None: ...", "slow and not full", False),
+    ],
+)
+def test_modules_without_slow_tests_are_not_imported_for_them(
+    pytestconfig: pytest.Config, tmp_path: Path, body: str, expression: str, left_out: bool
+) -> None:
+    (ours,) = [found for found in pytestconfig.pluginmanager.get_plugins() if hasattr(found, "MARKS_OF_MODULE")]
+    module = tmp_path / "test_it.py"
+    module.write_text(f"import pytest\n\n\n{body}\n")
+    config = SimpleNamespace(option=SimpleNamespace(markexpr=expression))
+    assert bool(ours.pytest_ignore_collect(module, config)) is left_out
+
+
+def test_no_helper_of_tests_marks_a_test_slow() -> None:
+    """A module that says nothing of it would lose its slow tests."""
+    assert [path.name for path in (TESTS / "testing").glob("*.py") if "mark.slow" in path.read_text()] == []

@@ -14,7 +14,7 @@ from testing.local_executor import LocalExecutor
 from testing.short_suite import make_short_suite
 
 SCENARIOS = ("i12*", "i24*")
-METRES = 70
+METRES = 40
 SETTINGS = CollectionSettings("train", 3, "omniscient", perturbation=2.0)
 
 

@@ -29,10 +29,12 @@ from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import ScoreMode, score_episode
 
 SEED = 41
+MANY = 150
+"""Enough for every situation, network and weather to occur."""
 PRINT_DIGEST = """
 import hashlib
 from mdrive_sumo.learning.training_scenarios import build_training_scenario
-made = [build_training_scenario(split, 41, i).model_dump_json() for split in ("train", "val") for i in range(6)]
+made = [build_training_scenario(split, 41, i).model_dump_json() for split in ("train", "val") for i in range(3)]
 print(hashlib.sha256("".join(made).encode()).hexdigest())
 """
 LEAST_RADIUS_M = 4.5
@@ -52,7 +54,7 @@ def kind_of(scenario: Scenario) -> str:
 
 @pytest.mark.slow
 def test_another_process_makes_the_same_bytes() -> None:
-    made = [one.model_dump_json() for split in ("train", "val") for one in built(split, 30)[:6]]
+    made = [one.model_dump_json() for split in ("train", "val") for one in built(split, 30)[:3]]
     shown = subprocess.run(
         [sys.executable, "-c", PRINT_DIGEST],
         env={**os.environ, "PYTHONHASHSEED": "7"},
@@ -124,7 +126,7 @@ def least_radius(ego: Ego) -> float:
 
 @pytest.mark.slow
 def test_every_situation_occurs_and_some_cavs_are_alone() -> None:
-    made = built("train", 300)
+    made = built("train", MANY)
     kinds = Counter(kind_of(scenario) for scenario in made)
     assert set(kinds) == {*SITUATIONS, "template"}
     lone = [s for s in made if len(s.egos) == 1 and not s.actors and not s.background.vehicles]
@@ -162,8 +164,8 @@ def test_proposals_for_suites_use_neither_hard_nor_training_networks() -> None:
 
 @pytest.mark.slow
 def test_omniscient_drives_what_is_there() -> None:
-    dense = next(scenario for scenario in built("train", 300) if kind_of(scenario) == "dense")
-    walkers = next(scenario for scenario in built("train", 300) if kind_of(scenario) == "walkers")
+    dense = next(scenario for scenario in built("train", MANY) if kind_of(scenario) == "dense")
+    walkers = next(scenario for scenario in built("train", MANY) if kind_of(scenario) == "walkers")
     for scenario in (dense, walkers):
         roads = load_road_map(find_network_folder(scenario.network))
         episode = drive_episode(scenario, roads, "omniscient")
