@@ -16,8 +16,11 @@ from server import environments
 from server.participant.packaging import write_archive
 from testing.chromium import CHROMIUM, list_flags
 from testing.processes import wait_for
+from testing.short_suite import shorten
 
 SCENARIOS = ("i07_ins_ss_town", "i08_ins_ss_old_town")
+ROUTE_M = 40
+"""Of each route: some seconds to drive."""
 STARTED_S, DRIVEN_S = 90.0, 240.0
 DRAWN = 20
 """Colours that a replay's canvas has more of, once it is drawn."""
@@ -50,7 +53,7 @@ def served(folder: Path, scenarios: Collection[str] = SCENARIOS) -> Generator[st
     """`mdrive-sumo serve` with a phase of these scenarios and one worker; its address."""
     suite, data = folder / "suite", folder / "data"
     packaged = load_suite("interdrive")
-    chosen = tuple(each for each in packaged.scenarios if each.id in scenarios)
+    chosen = tuple(shorten(each, ROUTE_M) for each in packaged.scenarios if each.id in scenarios)
     save_suite(Suite(SuiteFile(name="few", title="A few scenarios"), suite, chosen))
     times = {each.id: find_reference_times(each, packaged.find_folder(each.id)) for each in chosen}
     save_reference_times(load_suite(str(suite)), times)

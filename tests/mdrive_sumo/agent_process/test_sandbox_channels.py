@@ -14,6 +14,7 @@ from statistics import median
 from typing import Any
 
 import pytest
+from testing.sampling import examples
 from testing.sandbox_runs import AGENTS, PATIENCE_S, SMALL, needs_bubblewrap, own_slot, processes_of, reachable
 
 from mdrive_sumo.agent_process.sandbox import Box, BoxSpec, open_box
@@ -28,8 +29,8 @@ pytestmark = [
 ]
 
 SLOT = own_slot()
-BITS = (0, 1, 1, 0, 1, 0, 0, 1, 0, 1)
-"""Ten tries."""
+BITS = (0, 1, 1, 0, 1, 0, 0, 1, 0, 1)[: examples(6, 10)]
+"""Tries: as many of both."""
 CHANNELS = (
     *("record lock", "open file lock", "flock", "lock of a device", "inotify", "aio-nr"),
     *("residency by mincore", "residency by cachestat", "residency by RWF_NOWAIT", "residency by time"),

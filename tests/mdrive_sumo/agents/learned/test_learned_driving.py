@@ -19,6 +19,7 @@ from mdrive_sumo.scoring import load_results
 pytestmark = [pytest.mark.slow, needs_opengl]
 
 SCENARIO = "i07_ins_ss_town"
+METRES = 8
 
 
 def invoke(*words: str | Path) -> Result:
@@ -26,11 +27,11 @@ def invoke(*words: str | Path) -> Result:
 
 
 def evaluate(folder: Path, agent: str, system: str, network: TinyNetwork) -> Result:
-    """Drive a scenario of 15 m with weights of a tiny network; results are in `folder`/run."""
+    """Drive a scenario of `METRES` with weights of a tiny network; results are in `folder`/run."""
     weights = save_tiny_weights(folder, SYSTEMS[system], network)
     config = folder / "config.json"
     config.write_text(json.dumps({"weights": str(weights)}))
-    suite = make_short_suite(folder / "suite", SCENARIO)
+    suite = make_short_suite(folder / "suite", SCENARIO, metres=METRES)
     return invoke("eval", "--suite", suite, "--agent", agent, "--agent-config", config, "--workers", 1, "--out",
                   folder / "run")  # fmt: skip
 
@@ -59,7 +60,7 @@ def test_it_drives_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.M
 @pytest.mark.parametrize("name", LEARNED_AGENTS)
 def test_packaged_weights_follow_the_route(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     run_in_process(monkeypatch)
-    suite = make_short_suite(tmp_path / "suite", SCENARIO)
+    suite = make_short_suite(tmp_path / "suite", SCENARIO, metres=METRES)
     ended = invoke("eval", "--suite", suite, "--agent", name, "--workers", 1, "--out", tmp_path / "run")
     assert ended.exit_code == 0, ended.output
     assert load_results(tmp_path / "run" / "results.json").scenarios[0].rc == 100.0
