@@ -31,10 +31,10 @@ def later(wait_s: float, act: Callable[[], object]) -> Iterator[None]:
 
 @pytest.fixture
 def pair(tmp_path: Path) -> Iterator[Pair]:
-    """Two agents of one episode, each with 0.5 s for all its answers."""
+    """Two agents of one episode, each with 1.5 s for all its answers: a busy machine may stop this process for a while."""
     group, children = ConnectionGroup(), (FakeChild(), FakeChild())
     folders = [FrameFolder(tmp_path) for _ in children]
-    limits = AgentLimits(tick_s=60.0, episode_s=0.5, pace_s=0.1)
+    limits = AgentLimits(tick_s=60.0, episode_s=1.5, pace_s=0.3)
     first, second = (AgentConnection(*each, limits, group) for each in zip(children, folders, strict=True))
     yield *children, first, second
     for child, line in zip(children, (first, second), strict=True):
@@ -52,10 +52,10 @@ def test_no_agent_pays_for_the_time_of_another(
         line.send("act", 1, None)
     quick.theirs.send(framed(answer(1, GOOD))[:20])
     quick.theirs.send(framed(answer(1, GOOD))[20:])
-    with later(0.25, lambda: slow.theirs.send(framed(answer(1, GOOD)))):
+    with later(0.6, lambda: slow.theirs.send(framed(answer(1, GOOD)))):
         for line in (first, second):
             assert line.receive(reply_decoding.read_reply).control == Control(0.25, 0.0, 0.1)
-    assert second.think_times_s[0] < 0.1 < 0.2 < first.think_times_s[0]
+    assert second.think_times_s[0] < 0.3 < 0.5 < first.think_times_s[0]
     assert [line.usage_record()["thought_ms"]["late"] for line in (first, second)] == [1, 0]
 
 
@@ -68,13 +68,13 @@ def test_an_agent_that_does_not_read_delays_no_other(
     begin = time.monotonic()
     first.send_prepared()
     second.send_prepared()
-    assert time.monotonic() - begin < 0.3 and quick.theirs.recv(4)
+    assert time.monotonic() - begin < 1.0 and quick.theirs.recv(4)
     quick.theirs.send(framed(answer(1, GOOD)))
     deaf.theirs.send(framed(answer(1, GOOD)))  # without having read
     with pytest.raises(AgentFailure, match="expected no answer before the whole request, found one"):
         first.receive(reply_decoding.read_reply)
     assert second.receive(reply_decoding.read_reply).control == Control(0.25, 0.0, 0.1)
-    assert second.think_times_s[0] < 0.4
+    assert second.think_times_s[0] < 1.0
 
 
 @pytest.mark.parametrize(
