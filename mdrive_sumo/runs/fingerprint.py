@@ -29,6 +29,8 @@ PACKAGES = ("libsumo", "numpy")
 SOURCES = (".py", *LAYER_SOURCES)
 """Kinds of files whose contents are the state of the code: Python, and what the compiled layer is built from."""
 PACKAGE = Path(__file__).parents[1]
+WITHOUT_SOURCES = (str(PACKAGE / "scenarios"),)
+"""Most folders of the package: data only. What a run takes from there is in the checksum of its suite."""
 FILES_KEYS = ("agent_files", "others_files")
 """Where a fingerprint has the checksums of the files that options of the agents of a run name, in their order."""
 PLUG_INS_KEY = "plug_ins"
@@ -115,6 +117,8 @@ def _list_states(folder: Path | str, kinds: tuple[str, ...]) -> Iterator[_FileSt
     with os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_dir(follow_symlinks=False):
+                if entry.name == "__pycache__" or entry.path in WITHOUT_SOURCES:
+                    continue
                 yield from _list_states(entry.path, kinds)
             elif entry.name.endswith(kinds):
                 status = entry.stat()

@@ -31,7 +31,7 @@ def later(wait_s: float, act: Callable[[], object]) -> Iterator[None]:
 
 @pytest.fixture
 def pair(tmp_path: Path) -> Iterator[Pair]:
-    """Two agents of one episode, each with 1.5 s for all its answers: a busy machine may stop this process for a while."""
+    """Two agents of one episode, each with 1.5 s for all its answers: a busy machine may stop this process a while."""
     group, children = ConnectionGroup(), (FakeChild(), FakeChild())
     folders = [FrameFolder(tmp_path) for _ in children]
     limits = AgentLimits(tick_s=60.0, episode_s=1.5, pace_s=0.3)

@@ -10,7 +10,13 @@ from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.runs import fingerprint as module
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.compare import select_shared_versions
-from mdrive_sumo.runs.fingerprint import compute_code_checksum, compute_fingerprint, read_versions
+from mdrive_sumo.runs.fingerprint import (
+    SOURCES,
+    WITHOUT_SOURCES,
+    compute_code_checksum,
+    compute_fingerprint,
+    read_versions,
+)
 from mdrive_sumo.runs.journal import JournalText
 from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.run_config import RunConfig
@@ -99,3 +105,9 @@ def test_a_learned_and_another_agent_have_the_same_versions() -> None:
     assert here == there == rule.versions
     here, there = select_shared_versions(learned, learned.model_copy(update={"versions": {"onnxruntime": "2"}}))
     assert here != there
+
+
+def test_folders_that_are_not_searched_hold_no_sources() -> None:
+    for folder in map(Path, WITHOUT_SOURCES):
+        assert folder.is_dir()
+        assert [path.name for kind in SOURCES for path in folder.rglob(f"*{kind}")] == []
