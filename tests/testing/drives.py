@@ -39,6 +39,7 @@ class DriveSession:
     async def open(self, setup: DriveSetup) -> None:
         await self.process.open(setup)
         self._listening = asyncio.create_task(self._listen())
+        await self.wait_for(lambda: self.frames)
 
     async def _listen(self) -> None:
         async for event in self.process.events():

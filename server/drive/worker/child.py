@@ -35,8 +35,8 @@ class Child:
     connection: MessageSocket
     role: ChildRole
     order: TakeOrder | None = None
-    calls: set[int] = field(default_factory=set[int])
-    """Numbers of the server's calls that it has to answer."""
+    calls: dict[int, str] = field(default_factory=dict[int, str])
+    """Names of the server's calls that it has to answer, by number."""
 
     @property
     def take(self) -> int:
@@ -78,7 +78,7 @@ class ChildProcesses:
 
     def start_helper(self, run: Callable[[MessageSocket], None], number: int) -> None:
         """Start a process that sends the answer to a call of the server."""
-        self._add(Child(self._fork(run), ChildRole.HELPING, calls={number}))
+        self._add(Child(self._fork(run), ChildRole.HELPING, calls={number: "help"}))
 
     def remove(self, child: Child) -> None:
         """Forget a process that has ended."""

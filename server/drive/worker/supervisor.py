@@ -46,6 +46,7 @@ from server.drive.worker.orders import (
     WhatIfDone,
 )
 from server.drive.worker.take_journal import JournalHeader, read_journal
+from server.drive.worker.take_process import TAKE_IS_OVER
 from server.drive.worker.what_if_calls import WhatIfCalls
 
 RETRY_S = 2.0
@@ -109,7 +110,7 @@ class DriveSupervisor:
 
     def _pass_on(self, call: DriveCall) -> None:
         if self._live is not None:
-            self._live.calls.add(call.number)
+            self._live.calls[call.number] = call.name
             self._live.tell(call)
         elif call.name == "pause":
             self._answer(call.number)
@@ -162,7 +163,7 @@ class DriveSupervisor:
         self.tree.find(take)
         child = next((one for one in self._children if one.take == take and one.role is not ChildRole.HELPING), None)
         if child is not None:
-            child.calls.add(number)
+            child.calls[number] = "load_motion"
             child.tell(DriveCall(number, "load_motion"))
             return
         context, folder = self.context, self.tree.find_folder(take)
@@ -191,7 +192,7 @@ class DriveSupervisor:
         if key is not None and key[1] == tick:
             self._what_ifs.go_on(number, order)
         else:
-            self._start(order, ChildRole.HELPING).calls.add(number)
+            self._start(order, ChildRole.HELPING).calls[number] = "what_if"
 
     # ------------------------------------------------------------------------------------------------------- takes
 
@@ -307,7 +308,7 @@ class DriveSupervisor:
             for number, branches in self._what_ifs.hear(child, message):
                 self._answer(number, branches)
         elif isinstance(message, CallAnswer):
-            child.calls.discard(message.number)
+            child.calls.pop(message.number, None)
             if message.number:
                 self._server.send_bytes(data)
         else:
@@ -394,10 +395,17 @@ class DriveSupervisor:
         self._give_turns()
 
     def _fail_calls(self, child: Child, text: str) -> None:
-        for number in child.calls:
+        """Answer what a process has not answered before its end."""
+        calls, child.calls = child.calls, {}
+        is_stored = child.take in self.tree.takes and self.tree.takes[child.take].status is TakeStatus.FINISHED
+        for number, name in calls.items():
             self._what_ifs.drop(number)
-            self._answer(number, None, text)
-        child.calls.clear()
+            if name == "load_motion" and is_stored:
+                self._call_load_motion(number, child.take)  # of its recording
+            elif name == "pause":
+                self._answer(number)
+            else:
+                self._answer(number, None, TAKE_IS_OVER if is_stored else text)
 
     def _hear_held(self, child: Child, message: CheckpointMade) -> None:
         """Begin the branches of a what-if call once there is a checkpoint in its tick."""

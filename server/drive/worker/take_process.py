@@ -40,6 +40,7 @@ BACKGROUND_NICE = 15
 """Niceness of what runs beside the take that people drive."""
 RETRY_S = 2.0
 """Time after which a full disk is tried again [s]."""
+TAKE_IS_OVER = "the take is over; go back to a tick to drive on"
 POLL_TICKS = 40
 """A repeated drive looks every so many ticks whether its supervisor is still there."""
 
@@ -199,7 +200,7 @@ class TakeProcess:
             motion = pack_motion(self._order.header.take, self.simulation.frames, self._context.cavs)
             self._connection.send(CallAnswer(message.number, motion))
         elif isinstance(message, DriveCall):
-            self._connection.send(CallAnswer(message.number, None, "the take is over; go back to a tick to drive on"))
+            self._connection.send(CallAnswer(message.number, None, "" if message.name == "pause" else TAKE_IS_OVER))
 
     _may_finish = False
     _provenance: Provenance | None = None

@@ -46,7 +46,7 @@ class WhatIfCalls:
         while call is not None and call.waiting and busy < self._slots:
             place, agent = call.waiting.popleft()
             branch = replace(order, mode=TakeMode.WHAT_IF, agent=agent, place=place)
-            self._start(branch).calls.add(number)
+            self._start(branch).calls[number] = "what_if"
             busy += 1
 
     def hear(self, child: Child, message: WhatIfDone) -> list[tuple[int, list[WhatIfBranch]]]:
