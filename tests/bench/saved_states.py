@@ -26,7 +26,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sumo import SumoWorld
 
 sys.path.insert(0, str(Path(__file__).parent))
-from bench import VEHICLES, busy_scenario, grid
+from busy_grid import VEHICLES, busy_scenario, grid
 
 BEFORE, AFTER = 5 * TICKS_PER_SECOND, 10 * TICKS_PER_SECOND
 SEEDS = (1, 2, 3)

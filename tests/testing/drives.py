@@ -1,6 +1,7 @@
 """A drive without pages: the simulation process with a program at the wheel. No tests in here."""
 
 import asyncio
+import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
@@ -27,10 +28,16 @@ LIMIT_S = 20.0
 class DriveSession:
     """A simulation process and everything that it has said. Its people press what `pedals` says in every tick."""
 
-    def __init__(self, pedals: Callable[[int], Control] = lambda tick: Control(0.4, 0.0, 0.0)) -> None:
+    def __init__(
+        self, pedals: Callable[[int], Control] = lambda tick: Control(0.4, 0.0, 0.0), limit_s: float = LIMIT_S
+    ) -> None:
+        """limit_s: of each waiting."""
+        self._limit_s = limit_s
         self.process = SimulationProcess()
         self.events: list[Event] = []
         self.frames: list[DriveFrame] = []
+        self.frame_times: list[float] = []
+        """When each of them came [s]."""
         self._pedals = pedals
         self._changed = asyncio.Condition()
         self._listening: asyncio.Task[None] | None = None
@@ -46,6 +53,7 @@ class DriveSession:
             async with self._changed:
                 if isinstance(event, DriveFrame):
                     self.frames.append(event)
+                    self.frame_times.append(time.monotonic())
                     self._number += 1
                     with suppress(Exception):
                         for cav in self.process.facts.people:
@@ -55,7 +63,7 @@ class DriveSession:
                 self._changed.notify_all()
 
     async def wait_for(self, is_true: Callable[[], object]) -> None:
-        async with self._changed, asyncio.timeout(LIMIT_S):
+        async with self._changed, asyncio.timeout(self._limit_s):
             await self._changed.wait_for(lambda: bool(is_true()))
 
     async def drive_to(self, tick: int) -> None:
@@ -69,6 +77,11 @@ class DriveSession:
             )
         )
         await self.process.pause()
+
+    async def drive_on(self, ticks: int) -> None:
+        """Wait until the running clock has gone on by so many ticks."""
+        tick = self.tick + ticks
+        await self.wait_for(lambda: self.tick >= tick)
 
     async def wait_until_ended(self, *takes: int) -> None:
         await self.wait_for(lambda: {*takes} <= {event.take for event in self.select(TakeEnded)})
