@@ -4,12 +4,6 @@ const VIEWS = ["driver", "four", "chase", "top"];
 const VIEW_NAMES = { driver: "driver's view", four: "four cameras", chase: "chase", top: "top view" };
 const LEAST_MIRROR_PX = 700; // width of the window
 const LEAST_HEIGHT_PX = 500;
-const SLOW_MS = 45; // between pictures: below 22 a second the picture gets coarser rather than slower
-const QUICK_MS = 20; // and finer again
-const COARSER = 0.8;
-const FINER = 1.1;
-const COARSEST = 0.5; // share of the window's pixels, each way
-const JUDGED_PICTURES = 20;
 const NOTHING = []; // the same list each time: the view does nothing for one that it knows
 const SMALL_EVERY_MS = 90; // the small map is drawn eleven times a second
 
@@ -22,8 +16,6 @@ class Picture {
     this.hasMap = recall("map", true);
     this.tell = tell;
     this.smallAt = 0;
-    this.sharpness = 1; // pixels of the 3-D picture by those of the window, each way
-    this.judged = []; // ms between the last pictures
     this.placed = new Set();
     $("scene").addEventListener("webglcontextlost", () => this.withoutWebGL(new Error("The graphics driver has stopped the 3-D view. The top view drives as well.")));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.top.restyle());
@@ -72,30 +64,13 @@ class Picture {
     $("map").hidden = !isTop && !this.hasMap;
     const { width, height } = $("map").getBoundingClientRect();
     if (width) this.top.resize(width, height);
-    if (!isTop) this.view3d?.resize(innerWidth * this.sharpness, innerHeight * this.sharpness);
-  }
-
-  /** Makes the picture coarser where drawing is too slow to drive by, as on a machine without graphics card. */
-  judge(now) {
-    this.judged.push(now - (this.judgedAt ?? now));
-    this.judgedAt = now;
-    if (this.judged.length < JUDGED_PICTURES) return;
-    const middle = this.judged.toSorted((a, b) => a - b)[JUDGED_PICTURES >> 1];
-    this.judged = [];
-    const factor = middle > SLOW_MS ? COARSER : middle < QUICK_MS ? FINER : 1;
-    const sharpness = Math.min(1, Math.max(COARSEST, this.sharpness * factor));
-    if (sharpness === this.sharpness) return;
-    this.sharpness = sharpness;
-    this.resize();
+    if (!isTop) this.view3d?.resize(innerWidth, innerHeight);
   }
 
   /** `what`: {centre, own, users, overlays, signals}, all in the scene's frame. */
   draw(what, now) {
     const isTop = this.view === "top";
-    if (!isTop && this.view3d) {
-      this.judge(now);
-      this.draw3D(what);
-    }
+    if (!isTop && this.view3d?.isReady()) this.draw3D(what); // else pictures queue, and show what is long past
     if (isTop || (this.hasMap && now - this.smallAt > SMALL_EVERY_MS)) {
       this.smallAt = now;
       this.top.draw({ ...what, map: this.map, isSmall: !isTop });
