@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from mdrive_sumo.contract.camera_rigs import build_camera_rig
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind, RoadUsers
 from mdrive_sumo.roads import RoadMap
@@ -86,6 +87,7 @@ def pack_scene(
         "view_m": VIEW_M,
         "far_m_of_focal": FAR_M_OF_FOCAL,
         "terrain": TERRAIN,
+        "four": [{"id": spec.id, **spec.options} for spec in build_camera_rig("hitl")],
         "materials": {material.name.lower(): material.value for material in Material},
         "steps_per_m": STEPS_PER_M,
         "parts": tables.parts,

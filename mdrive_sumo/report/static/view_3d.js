@@ -12,9 +12,14 @@
 // Coordinates are metres relative to the scene's origin, z up. Nothing is drawn before `draw`.
 
 const QUALITIES = {
-  high: { antialias: true, ratio: 2, farShare: 1 },
-  low: { antialias: false, ratio: 0.8, farShare: 0.3 }, // 1024 of 1280 px, and simple wheels from 25 m on
+  high: { antialias: true, ratio: 2, least: 2, farShare: 1 },
+  low: { antialias: false, ratio: 0.8, least: 0.5, farShare: 0.2 }, // 1024 of 1280 px or fewer, simple wheels from 17 m on
 };
+const SLOW_MS = 44; // until a picture is done: 20 frames a second leave 50 ms for it and all else
+const FAST_MS = 24;
+const RATIO_STEP = 0.85;
+const LEAST_WATCH_MS = 40; // two pictures of a display
+const JUDGED = 8; // pictures that are measured before the number of pixels changes
 const SOFTWARE = /SwiftShader|llvmpipe|Software|Basic Render/i;
 const FRAME_PX = 3; // around mirrors
 const LIGHT_NAMES = { default: "day" };
@@ -31,6 +36,8 @@ class View3D {
     this.rendererName = findRenderer();
     this.qualityName = quality ?? (SOFTWARE.test(this.rendererName) ? "low" : "high");
     this.quality = QUALITIES[this.qualityName];
+    this.ratio = this.quality.ratio;
+    this.times = [];
     this.renderer = makeRenderer(canvas, this.quality);
     this.renderer.autoClear = false;
     this.uniforms = buildUniforms();
@@ -101,7 +108,8 @@ class View3D {
 
   /** Size of the canvas [px of the style sheet]. */
   resize(width, height) {
-    this.renderer.setPixelRatio(Math.min(globalThis.devicePixelRatio || 1, this.quality.ratio));
+    this.cssSize = [width, height];
+    this.renderer.setPixelRatio(Math.min(globalThis.devicePixelRatio || 1, this.ratio));
     this.renderer.setSize(Math.max(width, 1), Math.max(height, 1), false);
     this.width = this.renderer.domElement.width;
     this.height = this.renderer.domElement.height;
@@ -109,6 +117,7 @@ class View3D {
 
   /** Draws all pictures of the mode. seconds: time of blinking lamps and rain. */
   draw(seconds = performance.now() / 1000) {
+    this.begun = performance.now();
     const { uniforms: u, pose } = this;
     u.seconds.value = seconds;
     const [cos, sin] = [Math.cos(pose.yaw), Math.sin(pose.yaw)];
@@ -125,11 +134,29 @@ class View3D {
   /** Whether the last picture is drawn to its end: drawing before that builds a queue, and shows what is long past. */
   isReady() {
     const gl = this.renderer.getContext();
+    const now = performance.now();
+    const isWatched = now - this.asked < LEAST_WATCH_MS; // else it may have been done long before
+    this.asked = now;
     if (!this.fence) return true;
     if (gl.getSyncParameter(this.fence, gl.SYNC_STATUS) !== gl.SIGNALED) return false;
     gl.deleteSync(this.fence);
     this.fence = undefined;
+    if (isWatched) this.judge(now - this.begun);
     return true;
+  }
+
+  /** Of quality "low": fewer pixels while pictures take too long, more again when there is time. */
+  judge(ms) {
+    const { ratio, least } = this.quality;
+    this.times.push(ms);
+    if (this.times.length < JUDGED) return;
+    const median = this.times.sort((a, b) => a - b)[JUDGED >> 1];
+    this.times = [];
+    const wanted = median > SLOW_MS ? this.ratio * RATIO_STEP : median < FAST_MS ? this.ratio / RATIO_STEP : this.ratio;
+    const next = Math.min(Math.max(wanted, least), ratio);
+    if (next === this.ratio) return;
+    this.ratio = next;
+    this.resize(...this.cssSize);
   }
 
   drawPicture(view) {

@@ -4,7 +4,6 @@ const EYE = { x: 0.45, y: 0.37, z: 1.3 };
 // [m] from the middle of the car: the left seat; 0.15 m above the mean eye height in cars (1.15 m, NCHRP report 400), because
 // the model's bonnet is as high as its waist, and would cover the road up to 10 m ahead
 const DRIVER_FOV_DEG = 75;
-const FOUR = { x: 1.3, z: 2.3, fov: 100, width: 640, height: 360 }; // the paper's size and field of view; mounts as in docs/cameras.md
 const CHASE = { behind: 11, above: 4.2, aim: 1.5, pitch: 12 * (Math.PI / 180), fov: 65, least: 4, gap: 0.5 };
 const TOP = { fov: 40, height: 110 };
 const MIRROR_FOV_DEG = 32;
@@ -92,7 +91,7 @@ class CameraSet {
   constructor(scene, walls) {
     Object.assign(this, { scene, walls });
     this.main = new ViewCamera();
-    this.four = Array.from({ length: 4 }, () => new ViewCamera());
+    this.four = scene.four.map(() => new ViewCamera());
     this.mirrors = Object.values(MIRRORS).map((mirror) => Object.assign(new ViewCamera(), { mirror, isMirror: true, isPlain: true, hidesOwn: true, rect: mirror.rect }));
   }
 
@@ -141,13 +140,12 @@ class CameraSet {
   }
 
   arrangeFour(look, width, height) {
-    const turns = [0, Math.PI, Math.PI / 2, -Math.PI / 2]; // front, rear; left, right
-    const places = [FOUR.x, -FOUR.x, 0, 0];
     return this.four.map((camera, i) => {
       camera.hidesOwn = camera.isPlain = true;
       camera.rect = [i % 2 ? 0.5 : 0, i < 2 ? 0 : 0.5, 0.5, 0.5];
-      this.mount(camera, look, { x: places[i], y: 0, z: FOUR.z }, turns[i]);
-      return camera.open(FOUR.fov, width / 2, height / 2, this.scene.planes_m);
+      const rig = this.scene.four[i]; // the paper's cameras for people: front, rear, left, right
+      this.mount(camera, look, rig, (rig.yaw_deg * Math.PI) / 180, (rig.pitch_deg * Math.PI) / 180);
+      return camera.open(rig.fov_deg, width / 2, height / 2, this.scene.planes_m);
     });
   }
 }

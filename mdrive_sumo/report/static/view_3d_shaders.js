@@ -81,10 +81,15 @@ float vary(vec2 at) {
 in vec2 vWall;
 flat in float vTone;
 float findPane(vec2 wall) {
+#ifdef LOW
+  vec2 pane = abs(fract(wall) - vec2(0.5, 0.575));
+  return max(pane.x - 0.22, pane.y - 0.225) < 0.0 ? 1.0 : 0.0;
+#else
   vec2 at = abs(fract(wall) - vec2(0.5, 0.575)), soft = fwidth(wall) + 0.001;
   vec2 inside = clamp((vec2(0.22, 0.225) - at) / soft + 0.5, 0.0, 1.0);
   float near = clamp(0.5 / max(soft.x, soft.y) - 0.5, 0.0, 1.0);  // farther, a mean of wall and windows
   return mix(0.2, inside.x * inside.y, near);
+#endif
 }
 #endif
 void main() {
@@ -98,7 +103,10 @@ void main() {
   seen *= 1.0 + vRough * (0.42 * (fine - 0.5) + 0.3 * (coarse - 0.5));
 #endif
 #ifdef FACADE
-  vec3 glass = vec3(0.25, 0.31, 0.38) * vTone * (0.8 + 0.4 * vary(vWall + 11.0));
+  vec3 glass = vec3(0.25, 0.31, 0.38) * vTone;
+#ifndef LOW
+  glass *= 0.8 + 0.4 * vary(vWall + 11.0);
+#endif
   if (lamps > 0.0 && vary(vWall + 37.0) > 0.7) glass += vec3(0.5, 0.4, 0.2) * (0.6 + 0.4 * vary(vWall + 5.0));
   seen *= 0.82 + 0.18 * smoothstep(0.0, 1.1, vWall.y);
   seen = mix(seen, glass, findPane(vWall));
@@ -133,14 +141,11 @@ vec3 findGlow(float material) {
   return vec3(0.0);
 }
 void main() {
-  vec3 world = place.xyz + rotate(position * size.xyz);
   vec3 facing = normalize(rotate(normal / size.xyz));
+  // A part lies 1 mm above the part before it: number plates are in the plane of what they are fixed to.
+  vec3 world = place.xyz + rotate(position * size.xyz) + 0.001 * kind.y * facing;
   vWorld = world;
-#ifdef SHADOW
-  gl_Position = put(vec3(world.xy - toSun.xy / toSun.z * world.z, 0.0), 0.4);
-#else
   gl_Position = put(world, -1.0);
-#endif
   vec3 base = kind.x == PAINT_MATERIAL || kind.x == SIGNAL_MATERIAL ? paint : colour;
   vShown = base * findLight(facing);
   vBase = base * vec3(0.75, 0.73, 0.66);
@@ -181,8 +186,10 @@ void main() {
   vec3 ray = normalize(vWorld);
   float up = clamp(ray.z * 2.2, 0.0, 1.0);
   vec3 seen = mix(horizon, zenith, sqrt(up));
+#ifndef LOW
   float glare = max(dot(ray, toSun), 0.0);
   seen += sun * (0.25 * pow(glare, 24.0) + smoothstep(0.9994, 0.9998, glare)) * exp(-600.0 * fog);
+#endif
   pixel = vec4(seen, 1.0);
 }
 `;

@@ -7,7 +7,9 @@ const LEAST_ROOM = 64;
 class InstancedModel {
   constructor(parts, materials, order) {
     const builder = new MeshBuilder();
-    for (const part of parts) for (let at = 0; at < part.positions.length; at += 9) builder.add(part, at);
+    parts.forEach((part, number) => {
+      for (let at = 0; at < part.positions.length; at += 9) builder.add({ ...part, layer: number }, at);
+    });
     this.geometry = builder.fill(new THREE.InstancedBufferGeometry());
     this.meshes = materials.map((material) => {
       const mesh = new THREE.Mesh(this.geometry, material);

@@ -11,9 +11,10 @@ import shapely
 from testing.chromium import CHROMIUM
 from testing.viewer_crossing import crossing
 
+from mdrive_sumo.contract.camera_rigs import build_camera_rig
 from mdrive_sumo.report.scene_3d import pack_scene
 from mdrive_sumo.report.view_3d_script import build_view_3d_script
-from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraMount, ImageKind
+from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
 from mdrive_sumo.sensing.camera.static_scene import build_scene_meshes
 
 pytestmark = [
@@ -27,12 +28,7 @@ AREA = shapely.box(-150.0, -150.0, 150.0, 150.0)
 SIZE = (1280, 720)
 FRONT, REAR, LEFT, RIGHT = (0, 0), (640, 0), (0, 360), (640, 360)
 """Upper left corners of the pictures of "four" on the canvas [px]."""
-MOUNTS = {
-    FRONT: CameraMount(1.3, 0.0, 2.3),
-    REAR: CameraMount(-1.3, 0.0, 2.3, yaw=math.pi),
-    LEFT: CameraMount(0.0, 0.0, 2.3, yaw=math.pi / 2),
-    RIGHT: CameraMount(0.0, 0.0, 2.3, yaw=-math.pi / 2),
-}
+CAMERAS = dict(zip((FRONT, REAR, LEFT, RIGHT), map(read_camera_model, build_camera_rig("hitl")), strict=True))
 HELPERS = """
 window.draw = () => {
   view.draw(0.1);
@@ -112,11 +108,11 @@ def find(view: Any, colour: list[int], rect: tuple[int, int, int, int]) -> list[
 @pytest.mark.parametrize(
     ("picture", "ahead", "left", "size"),
     [
-        (FRONT, 14.0, 3.0, (0.5, 1.0, 1.6)),
-        (FRONT, 60.0, -20.0, (3.0, 3.0, 3.0)),
+        (FRONT, 14.0, 0.5, (0.5, 1.0, 1.6)),
+        (FRONT, 60.0, -5.0, (3.0, 3.0, 3.0)),
         (REAR, -18.0, 5.0, (1.0, 1.0, 1.0)),
         (LEFT, 2.0, 12.0, (1.0, 1.5, 2.0)),
-        (RIGHT, -3.0, -9.0, (0.6, 0.6, 0.9)),
+        (RIGHT, 3.0, -9.0, (0.6, 0.6, 0.9)),
     ],
 )
 def test_objects_are_where_the_camera_model_projects_them(
@@ -128,7 +124,7 @@ def test_objects_are_where_the_camera_model_projects_them(
     put_lamp(view, 1, *place, size)
     look(view, x, y, yaw, "four")
     found = find(view, MAGENTA, (*picture, 640, 360))
-    model = CameraModel(ImageKind.RGB, 640, 360, 100.0, MOUNTS[picture])
+    model = CAMERAS[picture]
     corners = [
         (place[0] + dx * size[0], place[1] + dy * size[1], dz * size[2])
         for dx in (0, 1)
@@ -138,7 +134,7 @@ def test_objects_are_where_the_camera_model_projects_them(
     seen = model.project(model.find_view(x, y, yaw), np.array(corners))
     expected = np.concatenate((seen[:, :2].min(0), seen[:, :2].max(0))) + np.tile(picture, 2)
     assert found[:4] == pytest.approx(expected, abs=1.5)
-    others = [corner for corner in MOUNTS if corner != picture]
+    others = [corner for corner in CAMERAS if corner != picture]
     assert sum(find(view, MAGENTA, (*corner, 640, 360))[4] for corner in others) == 0
 
 
@@ -148,7 +144,7 @@ def test_lights_show_the_signal(view: Any) -> None:
     place, facing = lamps.place[index], lamps.turn[index]
     x, y = (place[:2] + 14.0 * facing).tolist()
     yaw = math.atan2(-facing[1], -facing[0])
-    model = CameraModel(ImageKind.RGB, 640, 360, 100.0, MOUNTS[FRONT])
+    model = CAMERAS[FRONT]
     shown: dict[str, Any] = {}
     for letter, height in (("r", 0.69), ("y", 0.38), ("G", 0.07), ("O", 0.07)):
         view.evaluate("(letter) => view.setSignals({ c: letter.repeat(8) })", letter)
