@@ -214,7 +214,8 @@ class DriveSession:
         async with self._lock:
             for cav in self.people.end_patience():
                 self._notify(f"{cav}: its driver has not come back; another driver can hand it over to an agent")
-            awaited = self.people.list_awaited(self._driver_by_cav)
+            ended = self.simulation.known_extra.get("endings", ())  # who has arrived may leave: the others drive on
+            awaited = [cav for cav in self.people.list_awaited(self._driver_by_cav) if cav not in ended]
             should_run = not awaited and not self._is_finished and self.frame is not None
             if should_run != self._is_running and not self.has_ended:
                 await self._set_clock(should_run)

@@ -29,6 +29,7 @@ from mdrive_sumo.runs.run_config import load_agent_config
 from mdrive_sumo.scenario.scenario import load_scenario
 from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
 from mdrive_sumo.scoring import ScoreMode, load_results, save_results, score_episode, summarize_run
+from mdrive_sumo.study.human.plan_file import load_plan
 from real2sim.carla.opendrive import read_opendrive
 from real2sim.logged_drive import load_confirmed_infractions
 from real2sim.pipeline.recording_transfer import TransferError, decode_value, encode_value
@@ -53,6 +54,7 @@ from testing import (
     archive_samples,
     argoverse2_samples,
     commonroad_samples,
+    human_study,
     levelx_samples,
     opv2v_samples,
     small_log,
@@ -308,6 +310,7 @@ TARGETS: Mapping[str, FuzzTarget] = {
         _file("team.zip", archive_samples.packed(archive_samples.GOOD)),
         lambda path: check_archive(path, ArchiveLimits()),
     ),
+    "human study plan": FuzzTarget(_file("plan.yaml", json.dumps(human_study.PLAN, indent=1)), load_plan),
     "settings": FuzzTarget(
         _file("server.toml", 'port = 80\n[work]\nprocesses = 0\n[sandbox]\nrequired = ["seccomp"]\n'),
         lambda path: load_settings(path, {}),

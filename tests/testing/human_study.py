@@ -65,6 +65,9 @@ class MadeDrives:
     def find_take(self, entry: DriveEntry) -> str:
         return self.takes.get(entry.folder, "")
 
+    async def settle(self, entry: DriveEntry) -> None:
+        pass
+
     async def leave(self, entry: DriveEntry) -> None:
         self.left.append(entry.folder)
 

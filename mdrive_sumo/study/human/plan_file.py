@@ -70,7 +70,7 @@ def _parse_yaml(path: Path, text: str) -> Any:
 def _check_events(path: Path, yaml: Any, text: str) -> None:
     """Refuse what a plan does not need and what could take any memory: aliases, and lists in lists in lists."""
     depth = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
         if isinstance(event, yaml.AliasEvent):
             raise InputError(f"{path}: expected no aliases, found *{event.anchor}; write the value out")
         if isinstance(event, yaml.CollectionStartEvent):
@@ -84,7 +84,7 @@ def _check_events(path: Path, yaml: Any, text: str) -> None:
 def _make_loader(yaml: Any) -> Any:
     """Return PyYAML's safe loader that refuses a key given twice, of which it would silently take the last value."""
 
-    class PlanLoader(yaml.SafeLoader):
+    class PlanLoader(yaml.CSafeLoader):
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
             keys: set[str] = set()
             for key, _ in node.value:

@@ -195,6 +195,7 @@ class DrivePage {
     Object.assign(this.endings, endings);
     const own = endings[this.welcome.cav];
     if (own) this.tell(`Your drive has ended: ${own}. The others go on until the take is finished.`);
+    if (own && this.welcome.return_path) this.showEnd(); // a study need not wait for them
   }
 
   /** Messages name stations by their pseudonyms; people read the ids of the scenario. */

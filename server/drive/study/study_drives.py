@@ -1,5 +1,6 @@
 """The drives of a study on the server of drives: opened for a participant, and found when they are finished."""
 
+from contextlib import suppress
 from typing import Protocol
 
 from mdrive_sumo.core.errors import InputError
@@ -29,6 +30,10 @@ class StudyDrives(Protocol):
 
     def find_take(self, entry: DriveEntry) -> str:
         """Return the run folder of the take that counts, relative to the study's; "" while there is none."""
+        ...
+
+    async def settle(self, entry: DriveEntry) -> None:
+        """Let a drive in which all people's CAVs have ended be finished without waiting for the others."""
         ...
 
     async def leave(self, entry: DriveEntry) -> None:
@@ -87,6 +92,16 @@ class HostedDrives:
             return ""
         take = choose_take([take for _, take in sorted(load_tree(folder).takes.items())])
         return f"{entry.folder}/{TAKES_FOLDER}/{take.number}" if take is not None else ""
+
+    async def settle(self, entry: DriveEntry) -> None:
+        """See StudyDrives."""
+        session = self._host.find_session(entry.folder)
+        if session is None or session.has_ended:
+            return
+        ended = session.simulation.known_extra.get("endings", {})
+        if all(cav in ended for cav in session.simulation.facts.people):
+            with suppress(InputError, SimulationEnded):  # it is finished, or its process has just ended
+                await session.simulation.leave()
 
     async def leave(self, entry: DriveEntry) -> None:
         """See StudyDrives."""

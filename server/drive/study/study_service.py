@@ -99,6 +99,7 @@ class StudyService:
             succeeded = is_success(self.study.folder / take, step.entry.cav)
             progress = progress.end_drive(take, succeeded, self._clock())
         else:
+            await self._drives.settle(step.entry)
             return progress, step
         self.study.save_progress(progress)
         if not self._is_partner_driving(code, step.entry):

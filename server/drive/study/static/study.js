@@ -18,6 +18,8 @@ function showTimeLeft(wait) {
   if (left > 0) wait.textContent = minutes ? `${minutes} min ${left % 60} s left` : `${left} s left`;
 }
 
+for (const link of document.querySelectorAll("a.whole")) link.textContent = link.href; // to copy, with the host
+
 const wait = document.getElementById("wait");
 if (wait) {
   setInterval(() => look(wait), POLL_MS);

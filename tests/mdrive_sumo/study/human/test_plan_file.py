@@ -87,7 +87,7 @@ def test_every_fault_of_a_plan_is_one_sentence(tmp_path: Path, changes: dict[str
     [
         ("", "expected the keys of a plan .* found nothing"),
         ("- a\n- b\n", "expected the keys of a plan .* found a list"),
-        ("title: [", "expected YAML, found a fault in line 1"),
+        ("title: [", "expected YAML, found a fault in line 2"),
         ("title: a\ntitle: b\n", "fault in line 2: the key 'title' stands twice"),
         ("a: &x [1]\nb: *x\n", r"expected no aliases, found \*x"),
         ("a: " + "[" * 20 + "]" * 20, "expected at most 12 levels"),
