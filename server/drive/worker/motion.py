@@ -40,8 +40,8 @@ def pack_motion(take: int, frames: FrameBuilder, cavs: Sequence[str]) -> bytes:
     return b"".join((len(text).to_bytes(4, "little"), text, begins.tobytes(), *frames.rows))
 
 
-def build_recorded_motion(record: EpisodeRecord, roads: RoadMap, origin: Origin) -> FrameBuilder:
-    """Return the frames of a recording."""
+def pack_recorded_motion(take: int, record: EpisodeRecord, roads: RoadMap, origin: Origin) -> bytes:
+    """Return the motion of a recording."""
     frames = FrameBuilder(roads, origin)
     changes: dict[int, dict[str, str]] = {}
     for entry in record.signals:
@@ -52,4 +52,4 @@ def build_recorded_motion(record: EpisodeRecord, roads: RoadMap, origin: Origin)
             letters = letters | changes[tick]
         frame = rebuild_frame(record, tick)
         frames.add(build_frozen(Frame, tick, frame.egos, frame.actors, letters, ()))
-    return frames
+    return pack_motion(take, frames, record.ego_ids)

@@ -6,7 +6,8 @@ from enum import StrEnum, auto
 from pathlib import Path
 
 from server.drive.simulation_values import WhatIfBranch
-from server.drive.worker.take_journal import JournalHeader
+from server.drive.take_tree import TakeTree
+from server.drive.worker.take_journal import JournalHeader, read_journal
 
 
 class TakeMode(StrEnum):
@@ -67,6 +68,27 @@ class Provenance:
 
     device: str
     latency_ms: float
+
+
+def make_order(
+    tree: TakeTree, branch: tuple[int, int | None, int], mode: TakeMode, provenance: Provenance
+) -> TakeOrder:
+    """Return an order. branch: the take, the take whose actions are repeated (None: none), and up to which tick.
+
+    Raises InputError for a journal that cannot be read.
+    """
+    take, parent, tick = branch
+    source = tree.find_journal(parent) if parent is not None else None
+    entered = read_journal(source)[0].entered_tick if source is not None else 0
+    return TakeOrder(
+        JournalHeader(take, parent, tick, min(entered, tick)),
+        mode,
+        source,
+        tree.find_journal(take),
+        tree.find_folder(take),
+        device=provenance.device,
+        latency_ms=provenance.latency_ms,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.runs.prepared_run import recording_path
 from mdrive_sumo.runs.takes import HUMAN
@@ -32,7 +32,7 @@ from server.drive.take_tree import Take, TakeStatus, TakeTree
 from server.drive.worker.child import Child, ChildProcesses, ChildRole
 from server.drive.worker.drive_context import DriveContext, load_context
 from server.drive.worker.drive_folder import StoredTree, find_unfinished, open_tree, restore_setup
-from server.drive.worker.motion import build_recorded_motion, pack_motion
+from server.drive.worker.motion import pack_recorded_motion
 from server.drive.worker.orders import (
     CheckpointMade,
     FinishOrder,
@@ -44,8 +44,9 @@ from server.drive.worker.orders import (
     TakeReady,
     TakeRefused,
     WhatIfDone,
+    make_order,
 )
-from server.drive.worker.take_journal import JournalHeader, read_journal
+from server.drive.worker.take_journal import read_journal
 from server.drive.worker.take_process import TAKE_IS_OVER
 from server.drive.worker.what_if_calls import WhatIfCalls
 
@@ -102,8 +103,12 @@ class DriveSupervisor:
                 self._pass_on(message)
             else:
                 getattr(self, f"_call_{message.name}")(message.number, *message.arguments)
-        except InputError as error:
+        except (InputError, WorldError) as error:
             self._answer(message.number, None, str(error))
+        except OSError as error:  # of the server's connection: that ends in `run`
+            if error.filename is None:
+                raise
+            self._answer(message.number, None, f"{error.filename}: {error.strerror}")
 
     def _answer(self, number: int, value: Any = None, problem: str = "") -> None:
         self._server.send(CallAnswer(number, value, problem))
@@ -161,8 +166,8 @@ class DriveSupervisor:
 
     def _call_load_motion(self, number: int, take: int) -> None:
         self.tree.find(take)
-        child = next((one for one in self._children if one.take == take and one.role is not ChildRole.HELPING), None)
-        if child is not None:
+        found = (one for one in self._children if one.take == take and one.role is not ChildRole.HELPING)
+        if (child := next(found, None)) is not None:
             child.calls[number] = "load_motion"
             child.tell(DriveCall(number, "load_motion"))
             return
@@ -172,8 +177,8 @@ class DriveSupervisor:
             raise InputError(f"take {take}: expected the recording of a finished take, found none in {folder}")
 
         def send_motion(connection: MessageSocket) -> None:
-            frames = build_recorded_motion(load_episode(path), context.roads, context.origin)
-            connection.send(CallAnswer(number, pack_motion(take, frames, context.cavs)))
+            motion = pack_recorded_motion(take, load_episode(path), context.roads, context.origin)
+            connection.send(CallAnswer(number, motion))
 
         self._children.start_helper(send_motion, number)
 
@@ -232,19 +237,7 @@ class DriveSupervisor:
         self._starting = self._start(replace(order, people_take_over=is_entered), ChildRole.STARTING), number
 
     def _make_order(self, take: int, parent: int | None, tick: int, mode: TakeMode) -> TakeOrder:
-        """parent: the take whose actions are repeated."""
-        tree = self.tree
-        source = tree.find_journal(parent) if parent is not None else None
-        entered = read_journal(source)[0].entered_tick if source is not None else 0
-        return TakeOrder(
-            JournalHeader(take, parent, tick, min(entered, tick)),
-            mode,
-            source,
-            tree.find_journal(take),
-            tree.find_folder(take),
-            device=self._provenance.device,
-            latency_ms=self._provenance.latency_ms,
-        )
+        return make_order(self.tree, (take, parent, tick), mode, self._provenance)
 
     def _start(self, order: TakeOrder, role: ChildRole) -> Child:
         parent = order.header.parent
@@ -297,7 +290,7 @@ class DriveSupervisor:
             connection = MessageSocket(socket.socket(fileno=child.connection.take_descriptor()))
             line = self.tree.list_line(self._live.take) if self._live is not None else ()
             self._children.ladder.add(message.take, message.tick, connection, line)
-            self._hear_held(child, message)
+            self._what_ifs.hear_checkpoint(child, message.tick)
         elif isinstance(message, TakeReady):
             self._hear_ready(child, message)
         elif isinstance(message, TakeRefused):
@@ -362,8 +355,7 @@ class DriveSupervisor:
         return False
 
     def _hear_finished(self, child: Child, message: TakeFinished) -> None:
-        is_live = child is self._live
-        if is_live:
+        if child is self._live:
             self._live = None
         child.role = ChildRole.HELPING  # it has nothing more to do than to end
         self.stored.change(
@@ -374,8 +366,8 @@ class DriveSupervisor:
             score=message.score,
             ds=dict(message.ds),
         )
-        is_left = message.left_tick is not None
-        self._server.send(TakeEnded(message.take, message.end_tick, message.score, message.ds, is_left))
+        left = message.left_tick is not None
+        self._server.send(TakeEnded(message.take, message.end_tick, message.score, message.ds, left))
 
     def _drop(self, child: Child) -> None:
         """Forget a process that has ended, and say so if it should not have."""
@@ -406,12 +398,3 @@ class DriveSupervisor:
                 self._answer(number)
             else:
                 self._answer(number, None, TAKE_IS_OVER if is_stored else text)
-
-    def _hear_held(self, child: Child, message: CheckpointMade) -> None:
-        """Begin the branches of a what-if call once there is a checkpoint in its tick."""
-        order = child.order
-        if order is not None and order.mode is TakeMode.HOLD and message.tick == order.header.tick:
-            numbers = set(child.calls)
-            child.calls.clear()
-            for number in numbers:
-                self._what_ifs.go_on(number, order)

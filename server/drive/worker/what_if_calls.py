@@ -49,6 +49,14 @@ class WhatIfCalls:
             self._start(branch).calls[number] = "what_if"
             busy += 1
 
+    def hear_checkpoint(self, child: Child, tick: int) -> None:
+        """Begin the branches of the calls that have waited for a checkpoint in this tick."""
+        order = child.order
+        if order is not None and order.mode is TakeMode.HOLD and tick == order.header.tick:
+            calls, child.calls = child.calls, {}
+            for number in calls:
+                self.go_on(number, order)
+
     def hear(self, child: Child, message: WhatIfDone) -> list[tuple[int, list[WhatIfBranch]]]:
         """Keep a branch; return the calls that are complete, with their branches."""
         complete: list[tuple[int, list[WhatIfBranch]]] = []
