@@ -108,7 +108,7 @@ class PolylineIndex:
         """
         point, piece, distance, share = self._pieces.find_near(xy, reach)
         order = np.argsort(point * len(self._pieces.line) + piece)
-        point, piece, distance, share = (column[order] for column in (point, piece, distance, share))
+        point, piece, distance, share = point[order], piece[order], distance[order], share[order]
         begins = np.flatnonzero(find_first(point, self._pieces.line[piece]))
         pair = np.cumsum(np.bincount(begins, minlength=len(point))) - 1
         least = np.flatnonzero(distance == np.minimum.reduceat(distance, begins)[pair]) if len(begins) else begins

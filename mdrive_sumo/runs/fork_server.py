@@ -9,6 +9,7 @@ reaches only the owner of the server, and a worker ends with the agents that it 
 import ctypes
 import gc
 import os
+import pickle
 import signal
 import socket
 import sys
@@ -74,7 +75,7 @@ class ForkServer:
         requests, theirs = socket.socketpair()
         # A daemon: the interpreter still ends it, and it its workers, if a second Ctrl-C comes before its owner does.
         process = get_context("spawn").Process(
-            target=_serve_forks, args=(theirs, self._serve), name="mdrive-sumo fork server", daemon=True
+            target=_serve_forks, args=(theirs, pickle.dumps(self._serve)), name="mdrive-sumo fork server", daemon=True
         )
         with theirs, block_interrupts(), _hide_main_module():  # it inherits the mask until it leaves our process group
             process.start()
@@ -114,12 +115,18 @@ class _Worker(NamedTuple):
     state: Connection
 
 
-def _serve_forks(requests: socket.socket, serve: Serve) -> None:
-    """Fork workers and report their ends until the owner closes the socket or dies."""
+def _serve_forks(requests: socket.socket, pickled: bytes) -> None:
+    """Fork workers and report their ends until the owner closes the socket or dies.
+
+    pickled: the `Serve`, whose reading imports what jobs need.
+    """
     _leave_group_of_parent()
+    gc.disable()  # all that is imported stays: looking for garbage in it takes a tenth of the time
+    serve: Serve = pickle.loads(pickled)
     for module, late in LATE_IMPORTS.items():
         if module in sys.modules:
             import_module(late)
+    gc.enable()
     gc.freeze()  # else the first collection of each worker would write to, and so copy, all that they share
     current_process().daemon = False  # Python would let it have no processes of its own
     worker_by_sentinel: dict[int, _Worker] = {}
