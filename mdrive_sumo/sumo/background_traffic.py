@@ -119,8 +119,8 @@ class BackgroundTraffic:
     @property
     def lane_change_offsets(self) -> dict[str, tuple[float, float]]:
         """Lateral offset [m] from the position in SUMO, and its rate [m/s], by vehicle that changes lanes."""
-        offsets = ((name, follower.offset) for name, follower in self._followers.items())
-        return {name: offset for name, offset in offsets if offset is not None}
+        followers = self._followers.items()
+        return {name: offset for name, follower in followers if (offset := follower.offset) is not None}
 
     def hold(self, struck: Collection[str], tick: int) -> None:
         """Stop struck vehicles for `STRUCK_HOLD_TICKS`: a surrogate, because SUMO models no impact."""

@@ -39,11 +39,16 @@ class ScheduleTable:
         self._speeds: list[float] = rates[moving].tolist()
         self._ends_moving = bool(rates[-1] > STANDSTILL_MPS)
         self.ends_tick = len(self._at) - 1
+        ahead = self._at[ACTION_TICKS:] + self._at[-1:] * ACTION_TICKS
+        self._pace = [(there - here) / (ACTION_TICKS * DT) for here, there in zip(self._at, ahead, strict=False)]
         self.ends_m = float(positions[-1])
 
     def find_position(self, tick: int) -> float:
         """Return the logged position [m along the route] in a tick, clamped to the ends of the schedule."""
-        return self._at[min(max(tick, 0), self.ends_tick)]
+        return self._at[self._find_row(tick)]
+
+    def _find_row(self, tick: int) -> int:
+        return tick if 0 <= tick <= self.ends_tick else 0 if tick < 0 else self.ends_tick
 
     def find_speed(self, position: float) -> float:
         """Return the logged speed [m/s] at a position; where the log stood, the speed at which it drove on."""
@@ -51,11 +56,11 @@ class ScheduleTable:
             return 0.0
         return self._speeds[max(bisect_right(self._positions, position) - 1, 0)]
 
-    def compute_desired_speed(self, tick: int, position: float, ticks: int = ACTION_TICKS) -> float:
-        """Return the speed [m/s] to command for `ticks` ticks from `tick` on to a vehicle at `position` [m]."""
-        due = self.find_position(tick)
-        lag = due - position
-        speed = max((self.find_position(tick + ticks) - due) / (ticks * DT) + lag / CATCH_UP_S, 0.0)
+    def compute_desired_speed(self, tick: int, position: float) -> float:
+        """Return the speed [m/s] to command for `ACTION_TICKS` from `tick` on to a vehicle at `position` [m]."""
+        row = self._find_row(tick)
+        lag = self._at[row] - position
+        speed = max(self._pace[row] + lag / CATCH_UP_S, 0.0)
         if -ON_TIME_M < lag < ON_TIME_M and tick < self.ends_tick:
             return speed
         limit = max(CATCH_UP_FACTOR * self.find_speed(position), MIN_CATCH_UP_SPEED)
