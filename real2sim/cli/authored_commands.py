@@ -10,8 +10,7 @@ import click
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
 from real2sim.cli.log_options import check_suite_name, name_option, out_option, paths_argument
-from real2sim.readers.carla_route import UCLA_FRAME, CarlaFrame
-from real2sim.xml_file import parse_finite
+from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
 
 if TYPE_CHECKING:  # see log_options: commands import what they run
     from real2sim.carla.conversion_report import ConversionReport
@@ -28,6 +27,8 @@ def parse_carla_offset(_: click.Context, __: click.Parameter, value: str | None)
     """Parse the option --carla-offset."""
     if value is None:
         return UCLA_FRAME
+    from real2sim.xml_file import parse_finite
+
     try:
         x, y, *turn = (parse_finite("--carla-offset", part) for part in value.split(","))
         (yaw,) = turn or (0.0,)

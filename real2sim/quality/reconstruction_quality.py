@@ -166,7 +166,8 @@ def assess_reconstruction(converted: ReconstructedLog) -> ReconstructionQuality:
     others = [actor for actor in actors if actor.category not in SCRIPTED_CATEGORIES]
     moving = [actor for actor in others if actor.moving]
     static = [actor for actor in others if not actor.moving]
-    movers = [track for track, actor in zip(converted.tracks, actors, strict=True) if actor in moving]
+    ids = {actor.id for actor in moving}
+    movers = [track for track in converted.tracks if track.id in ids]
     error = _concatenate([position_errors(track, raw[track.id]) for track in movers if track.id in raw])
     jerk = _concatenate(
         [

@@ -5,7 +5,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from real2sim.readers.carla_route import CarlaFrame, RouteFile, parse_ego_index, read_route_file
+from real2sim.readers.carla_frame import CarlaFrame
+from real2sim.readers.carla_route import RouteFile, parse_ego_index, read_route_file
 from real2sim.source_scene import CavRoute, SourceScene, TownMap
 
 BUCKET = "InterDrive"

@@ -18,7 +18,8 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.weather import WeatherName
 from real2sim.hd_map import HdMap
-from real2sim.readers.carla_route import UCLA_FRAME, CarlaFrame, RouteFile, parse_ego_index, read_route_file
+from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
+from real2sim.readers.carla_route import RouteFile, parse_ego_index, read_route_file
 from real2sim.readers.mdrive_actors import AuthoredActor, build_actor
 from real2sim.readers.mdrive_manifest import (
     MANIFEST,

@@ -21,7 +21,8 @@ from mdrive_sumo.scenario.scripted_actor import (
     ReplayMotion,
     StandingMotion,
 )
-from real2sim.readers.carla_route import CarlaFrame, RouteFile
+from real2sim.readers.carla_frame import CarlaFrame
+from real2sim.readers.carla_route import RouteFile
 from real2sim.readers.mdrive_manifest import DEFAULT_SPEED_BY_ROLE, ActorRole, ActorScript, ManifestEntry
 from real2sim.xml_file import parse_finite
 

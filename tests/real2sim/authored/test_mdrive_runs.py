@@ -15,7 +15,7 @@ from mdrive_sumo.episode.episode import EpisodeRecord
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.suite import load_suite
-from real2sim.readers.carla_route import UCLA_FRAME
+from real2sim.readers.carla_frame import UCLA_FRAME
 from real2sim.writers.v2xpnp_map import write_vector_map
 
 

@@ -1,6 +1,8 @@
 """Many logs become one suite: what cannot be converted costs a sentence, and nothing stays of a suite that failed."""
 
 import re
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -105,3 +107,14 @@ def test_every_window_of_a_log_becomes_a_scenario(tmp_path: Path, monkeypatch: p
     assert [one.id for one in done.outcomes] == ["a_0", "a_5"]
     assert done.refused == ("/logs/bad.x: expected tracks, found none",)
     assert said == ["1/2 a.x, window 0 s to 5 s: passed", "2/2 a.x, window 5 s to 10 s: passed"]
+
+
+@pytest.mark.slow
+def test_only_workers_import_what_converts() -> None:
+    code = (
+        "import sys, real2sim.cli, real2sim.pipeline.batch\n"
+        "heavy = {'numpy', 'pydantic', 'libsumo', 'shapely', 'jinja2', 'real2sim.pipeline.conversion_worker'}\n"
+        "sys.exit(f'imported {heavy & set(sys.modules)}' if heavy & set(sys.modules) else 0)\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "")
