@@ -28,7 +28,7 @@ from mdrive_sumo.scenario.scripted_actor import (
 )
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite
 from real2sim.authored.suite_converter import convert_authored
-from real2sim.readers.carla_route import UCLA_FRAME
+from real2sim.readers.carla_frame import UCLA_FRAME
 from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, read_mdrive
 from real2sim.source_scene import SourceScene
 

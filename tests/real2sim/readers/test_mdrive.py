@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.scripted_actor import (
     StartMotion,
 )
 from real2sim.hd_map import HdMap
-from real2sim.readers.carla_route import UCLA_FRAME, CarlaFrame
+from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
 from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, find_nearest_weather, read_mdrive
 from real2sim.readers.mdrive_actors import find_blueprint_shape
 from real2sim.source_scene import TownMap
