@@ -4,22 +4,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from mdrive_sumo.core.state import DT, Actors, EgoState, End, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantize_frame
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scoring import criteria
 from mdrive_sumo.vehicle import contact, dynamics
 from real2sim.fit.background_vehicle import median_size
 from real2sim.recording import RecordedTrack
 from real2sim.traffic_fidelity.log_simulation import (
+    TimedActors,
     TimedPath,
-    build_actor_path,
+    build_scripted_actors,
+    build_still_actors,
     build_track_path,
-    place_actors,
     place_egos,
 )
 
@@ -44,20 +42,16 @@ class _LoggedWorld:
     """Timed poses of everything in the log."""
 
     cavs: Mapping[str, TimedPath]
-    background: tuple[tuple[str, tuple[float, float], TimedPath], ...]
-    """Id, (length, width) [m] and poses, sorted by id."""
-    scripted: list[tuple[Actor, TimedPath]]
+    background: TimedActors
+    scripted: TimedActors
 
     def place_egos(self, time: float) -> dict[str, EgoState]:
         """Return the CAVs that are present at `time` [s]."""
         return place_egos(self.cavs, time)
 
-    def place_others(self, time: float) -> Actors:
-        """Return all other road users and obstacles at `time` [s]."""
-        now = [(id_, size, state) for id_, size, path in self.background if (state := path.at(time)) is not None]
-        columns = np.array([(*state, *size) for _, size, state in now], dtype=np.float64).reshape(-1, 6).T
-        kinds = np.full(len(now), Kind.VEHICLE, dtype=np.uint8)
-        return Actors(tuple(id_ for id_, _, _ in now), kinds, *columns).merge(place_actors(self.scripted, time))
+    def place_others(self, tick: int) -> Actors:
+        """Return all other road users and obstacles in a tick."""
+        return self.background.at(tick).merge(self.scripted.at(tick))
 
 
 @dataclass
@@ -87,10 +81,10 @@ def record_logged_drive(
         criteria.compute_time_limit_ticks(scenario),
         {ego.id: criteria.RouteProgress() for ego in scenario.egos},
     )
-    before = Frame(0, world.place_egos(0.0), world.place_others(0.0), {})
+    before = Frame(0, world.place_egos(0.0), world.place_others(0), {})
     tick = 0
     while True:
-        egos, others = world.place_egos(tick * DT), world.place_others(tick * DT)
+        egos, others = world.place_egos(tick * DT), world.place_others(tick)
         egos = {name: state for name, state in egos.items() if name not in states.endings}
         _, contacts = contact.resolve_contacts(
             _to_vehicle_states({name: before.egos.get(name, state) for name, state in egos.items()}),
@@ -124,21 +118,22 @@ def record_log(
         egos = world.place_egos(tick * DT)
         if not egos:
             break
-        recorder.add(quantize_frame(Frame(tick, egos, world.place_others(tick * DT), {})), {}, {}, {})
+        recorder.add(quantize_frame(Frame(tick, egos, world.place_others(tick), {})), {}, {}, {})
         last_ticks |= dict.fromkeys(egos, tick)
     return recorder.finish([Ending(ego.id, last_ticks[ego.id], End.ARRIVED) for ego in scenario.egos])
 
 
 def _build_logged_world(scenario: Scenario, tracks: Mapping[str, RecordedTrack], dt_s: float) -> _LoggedWorld:
+    cavs = {ego.id: build_track_path(tracks[ego.id], dt_s) for ego in scenario.egos}
+    ticks = max(int(path.times[-1] / DT) for path in cavs.values()) + 3  # one more than a CAV is there
     vehicles = sorted(scenario.background.vehicles, key=lambda vehicle: vehicle.id)
-    return _LoggedWorld(
-        {ego.id: build_track_path(tracks[ego.id], dt_s) for ego in scenario.egos},
-        tuple(
-            (vehicle.id, (vehicle.length, vehicle.width), build_track_path(tracks[vehicle.id], dt_s))
-            for vehicle in vehicles
-        ),
-        [(actor, build_actor_path(actor)) for actor in sorted(scenario.actors, key=lambda actor: actor.id)],
+    background = build_still_actors(
+        [vehicle.id for vehicle in vehicles],
+        [Kind.VEHICLE] * len(vehicles),
+        [(vehicle.length, vehicle.width) for vehicle in vehicles],
     )
+    paths = [build_track_path(tracks[vehicle.id], dt_s) for vehicle in vehicles]
+    return _LoggedWorld(cavs, TimedActors.from_paths(background, paths, ticks), build_scripted_actors(scenario, ticks))
 
 
 def _with_logged_size(track: RecordedTrack) -> dynamics.VehicleParameters:

@@ -2,12 +2,12 @@
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
@@ -39,6 +39,18 @@ class TimedPath:
             return states[max(k, 0)]
         passed, step = time - times[k], times[k + 1] - times[k]
         return tuple([(b - a) / step * passed + a for a, b in zip(states[k], states[k + 1], strict=True)])
+
+    def sample(self, times: Float) -> tuple[Float, Bool]:
+        """Return the same (M, 4) for times (M,) [s], and whether the object is there (M,)."""
+        last = len(self.times) - 1
+        before = np.searchsorted(self.times, times, side="right") - 1
+        row, after = np.maximum(before, 0), np.minimum(before + 1, last)
+        is_pose = (before < 0) | (before == last) | (self.times[row] == times)
+        step = np.where(is_pose, 1.0, self.times[after] - self.times[row])
+        slope = (self.states[after] - self.states[row]) / step[:, None]
+        between = slope * (times - self.times[row])[:, None] + self.states[row]
+        there = (times >= self.times[0] - 1e-6) & ((times <= self.times[-1] + 1e-6) | self.stays)
+        return np.where(is_pose[:, None], self.states[row], between), there
 
 
 def build_track_path(track: RecordedTrack, dt_s: float) -> TimedPath:
@@ -73,22 +85,47 @@ def place_egos(cavs: Mapping[str, TimedPath], time: float) -> dict[str, EgoState
     return {name: EgoState(*state) for name, state in now if state is not None}
 
 
-def place_actors(actors: Sequence[tuple[Actor, TimedPath]], time: float) -> Actors:
-    """Return the scripted actors that are present at `time` [s]."""
-    now = [(actor, state) for actor, path in actors if (state := path.at(time)) is not None]
-    if not now:
-        return Actors.empty()
-    x, y, yaw, speed = np.array([state for _, state in now]).T
-    return Actors(
-        tuple(actor.id for actor, _ in now),
-        np.array([KIND_BY_NAME[actor.kind] for actor, _ in now], dtype=np.uint8),
-        x,
-        y,
-        yaw,
-        speed,
-        np.array([actor.length for actor, _ in now]),
-        np.array([actor.width for actor, _ in now]),
-    )
+@dataclass(frozen=True)
+class TimedActors:
+    """Road users and obstacles that repeat the log, in every tick of it. N of them, sorted by id."""
+
+    still: Actors
+    """Ids, kinds and sizes (N,); no poses."""
+    states: Float
+    """x, y [m], yaw [rad], speed [m/s] (ticks, 4, N)."""
+    present: Bool
+    """(ticks, N)"""
+
+    @classmethod
+    def from_paths(cls, still: Actors, paths: Sequence[TimedPath], ticks: int) -> "TimedActors":
+        """Return the actors whose poses are those of the paths. `still`: their ids, kinds and sizes."""
+        times = np.arange(ticks, dtype=np.float64) * DT
+        sampled = [path.sample(times) for path in paths]
+        states = np.array([state.T for state, _ in sampled]).reshape(-1, 4, ticks)
+        present = np.array([there for _, there in sampled], dtype=np.bool_).reshape(-1, ticks)
+        return cls(still, np.ascontiguousarray(states.transpose(2, 1, 0)), np.ascontiguousarray(present.T))
+
+    def at(self, tick: int) -> Actors:
+        """Return those that are present in a tick."""
+        x, y, yaw, speed = self.states[tick]
+        everyone = replace(self.still, x=x, y=y, yaw=yaw, speed=speed)
+        there = self.present[tick]
+        return everyone if there.all() else everyone.take(np.flatnonzero(there))
+
+
+def build_scripted_actors(scenario: Scenario, ticks: int) -> TimedActors:
+    """Return the scripted actors of a converted scenario."""
+    actors = sorted(scenario.actors, key=lambda actor: actor.id)
+    kinds = [KIND_BY_NAME[actor.kind] for actor in actors]
+    still = build_still_actors([actor.id for actor in actors], kinds, [(one.length, one.width) for one in actors])
+    return TimedActors.from_paths(still, [build_actor_path(actor) for actor in actors], ticks)
+
+
+def build_still_actors(ids: Sequence[str], kinds: Sequence[int], sizes: Sequence[tuple[float, float]]) -> Actors:
+    """Return actors with sizes (length, width) [m], all poses 0."""
+    zeros = np.zeros(len(ids))
+    length, width = np.array(sizes, dtype=np.float64).reshape(-1, 2).T
+    return Actors(tuple(ids), np.array(kinds, dtype=np.uint8), zeros, zeros, zeros, zeros, length, width)
 
 
 @dataclass(frozen=True)
@@ -110,13 +147,14 @@ def simulate_log(
 
     frames = len(next(iter(tracks.values())).valid)
     cavs = {ego.id: build_track_path(tracks[ego.id], dt_s) for ego in scenario.egos}
-    actors = [(actor, build_actor_path(actor)) for actor in sorted(scenario.actors, key=lambda actor: actor.id)]
+    ticks = round((frames - 1) * dt_s / DT) + 1
+    actors = build_scripted_actors(scenario, ticks)
     sizes = {ego.id: median_size(tracks[ego.id]) for ego in scenario.egos}
     seen: dict[str, list[tuple[float, float, float, float]]] = {}
     with SumoWorld(scenario, roads, sizes, 0) as world:
-        for tick in range(round((frames - 1) * dt_s / DT) + 1):
+        for tick in range(ticks):
             time = tick * DT
-            egos, scripted = place_egos(cavs, time), place_actors(actors, time)
+            egos, scripted = place_egos(cavs, time), actors.at(tick)
             around = world.advance(egos, scripted, ()) if tick else world.start(egos, scripted)
             now = around.actors
             for name, x, y, yaw in zip(now.ids, now.x.tolist(), now.y.tolist(), now.yaw.tolist(), strict=True):
