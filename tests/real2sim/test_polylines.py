@@ -12,7 +12,8 @@ from mdrive_sumo.core.geometry import Float, Polyline
 from real2sim.polylines import PolylineIndex
 from real2sim.segment_tree import SegmentTree
 
-COORDINATES = st.one_of(st.integers(-4, 4).map(float), st.floats(-30.0, 30.0))
+COORDINATES = st.one_of(st.integers(-4, 4).map(float), st.integers(-(10**9), 10**9).map(lambda n: n / 3e7))
+"""[m] Points of a polyline are equal or at least 30 nm apart: GEOS has no distance from a shorter segment."""
 LINES = st.lists(st.integers(2, 7).flatmap(lambda n: arrays(np.float64, (n, 2), elements=COORDINATES)), max_size=4)
 POINTS = st.integers(0, 5).flatmap(lambda n: arrays(np.float64, (n, 2), elements=COORDINATES))
 OFFSETS = st.sampled_from((0.0, 123_456.7, -900_000.0))
