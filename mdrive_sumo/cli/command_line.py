@@ -2,20 +2,17 @@
 
 from collections.abc import Mapping
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 
 import click
 
 from mdrive_sumo import __version__
+from mdrive_sumo.cli.plug_in_commands import find_help_line, find_plug_ins, load_command
 from mdrive_sumo.core.clean_text import clean_for_terminal, clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import shorten_name, suggest_name
 
 PLUG_IN_GROUP = "mdrive_sumo.commands"
 """Entry points through which other packages add commands."""
-
-EXTRAS = {"server": "server", "real2sim": "convert"}
-"""Packages of this distribution whose commands need an extra."""
 
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "eval": ("evaluate", "Drive a suite with an agent and score it."),
@@ -56,7 +53,7 @@ class CommandLine(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (click's signature)
         """Return the own commands in the order of their use, then those of other packages."""
-        return [*COMMANDS, *sorted(_plug_ins())]
+        return [*COMMANDS, *sorted(find_plug_ins(PLUG_IN_GROUP))]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """Import a command."""
@@ -64,8 +61,8 @@ class CommandLine(click.Group):
 
         if cmd_name in COMMANDS:
             return make_strict(import_module(f"mdrive_sumo.cli.{COMMANDS[cmd_name][0]}").command)
-        plug_in = _plug_ins().get(cmd_name)
-        return make_strict(_load(plug_in)) if plug_in else None
+        plug_in = find_plug_ins(PLUG_IN_GROUP).get(cmd_name)
+        return make_strict(load_command(plug_in)) if plug_in else None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -80,7 +77,9 @@ class CommandLine(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Write one line per command without importing any."""
         own = [(name, text) for name, (_, text) in COMMANDS.items()]
-        others = [(name, _line(plug_in)) for name, plug_in in sorted(_plug_ins().items())]
+        others = [
+            (name, find_help_line(plug_in, name)) for name, plug_in in sorted(find_plug_ins(PLUG_IN_GROUP).items())
+        ]
         with formatter.section("Commands"):
             formatter.write_dl([*own, *others])
 
@@ -95,32 +94,6 @@ class CommandLine(click.Group):
             raise
         except KeyboardInterrupt:
             ctx.exit(130)
-
-
-def _plug_ins() -> dict[str, EntryPoint]:
-    return {entry.name: entry for entry in entry_points(group=PLUG_IN_GROUP)}
-
-
-def _load(plug_in: EntryPoint) -> click.Command:
-    """Return the command of another package. Raises InputError if a package that it needs is not installed."""
-    from mdrive_sumo.core.installation_command import format_installation
-
-    package = plug_in.module.partition(".")[0]
-    try:
-        return plug_in.load()
-    except ModuleNotFoundError as error:
-        missing = (error.name or "").partition(".")[0]
-        if missing in ("", package, "mdrive_sumo"):
-            raise
-        remedy = format_installation(EXTRAS[package]) if package in EXTRAS else f"pip install {missing}"
-        raise InputError(f"{plug_in.name}: expected the package {missing}, found none; {remedy}") from None
-
-
-def _line(plug_in: EntryPoint) -> str:
-    """Return the help line of a plug-in: from `COMMANDS` of its package, else from the package's docstring."""
-    package = import_module(plug_in.module.partition(".")[0])
-    help_lines: Mapping[str, str] = getattr(package, "COMMANDS", {})
-    return help_lines.get(plug_in.name) or (package.__doc__ or "").strip().partition("\n")[0]
 
 
 @click.command(cls=CommandLine, context_settings={"help_option_names": ["-h", "--help"]})

@@ -36,7 +36,7 @@ from mdrive_sumo.v2x.comm_settings import CommSettings
 command = PlugInGroup(
     "study",
     "mdrive_sumo.study_commands",
-    help="Measure what cooperation is worth: the paper's tables, in parts, over worse channels, message by message.",
+    "Measure what cooperation is worth: the paper's tables, in parts, over worse channels, message by message.",
 )
 command.add_command(ablate_command)
 command.add_command(cross_play_command)

@@ -4,6 +4,7 @@ import asyncio
 import shlex
 import webbrowser
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 
 import click
@@ -22,6 +23,13 @@ from mdrive_sumo.study.human.plan_file import check_plan, describe_balance, load
 from mdrive_sumo.study.human.scripted_driver import DRIVER_KINDS
 from mdrive_sumo.study.human.scripted_study import run_scripted_study
 from mdrive_sumo.study.human.write_human_results import ComparedAgents, load_human_results, write_human_results
+from server.cli.drive_command import DriveServer, ServerPlace, make_config
+from server.clock import now_us
+from server.drive.drive_app import create_drive_app
+from server.drive.drive_host import DriveHost
+from server.drive.study.study_drives import HostedDrives
+from server.drive.study.study_pages import mount_study
+from server.drive.study.study_service import StudyService
 
 
 @click.command("human")
@@ -33,6 +41,7 @@ from mdrive_sumo.study.human.write_human_results import ComparedAgents, load_hum
     metavar="KIND,...",
     help=f"Run the whole plan without persons, with programs of these kinds: {', '.join(DRIVER_KINDS)}.",
 )
+@click.option("--example", is_flag=True, help="Print a plan to begin with, and do nothing else.")
 @click.option("--results", is_flag=True, help="Drive the agents of the plan, and write tables, figure and CSV.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", type=click.IntRange(0, 65535), help="[default: that of `drive`, or a free one]")
@@ -46,6 +55,7 @@ def human(
     plan_file: Path | None,
     out: Path | None,
     scripted: str | None,
+    example: bool,
     results: bool,
     host: str,
     port: int | None,
@@ -61,6 +71,9 @@ def human(
 
     Exit codes: 0 done, 1 an agent failed or a scenario is void, 2 unusable input, 130 interrupted.
     """
+    if example:
+        echo(files("server.drive.study").joinpath("examples", "rq4.yaml").read_text("utf-8").rstrip("\n"))
+        return
     check_posix("study human: its folder is locked, which")
     kinds = None if scripted is None else [kind.strip() for kind in scripted.split(",") if kind.strip()]
     study, suite = _open_study(folder, plan_file, out, kinds)
@@ -107,26 +120,16 @@ def _write_results(ctx: click.Context, study: HumanStudyFolder, suite: Suite, wo
 def _serve_study(
     study: HumanStudyFolder, suite: Suite, place: tuple[str, int | None, str | None], *, is_browser_wanted: bool
 ) -> None:
-    """Serve the pages until a signal ends it. The web server is imported only here: other uses need none."""
+    """Serve the pages until a signal ends it."""
     if study.drivers != "persons":
         raise InputError(
             f"{study.folder}: expected a study of persons, found one of scripted drivers; --out names another folder"
         )
-    from server.cli.drive_command import ServerPlace
-
     asyncio.run(_serve(study, suite, ServerPlace(*place), is_browser_wanted))
 
 
-async def _serve(study: HumanStudyFolder, suite: Suite, place: object, is_browser_wanted: bool) -> None:
-    from server.cli.drive_command import DriveServer, ServerPlace, make_config
-    from server.clock import now_us
-    from server.drive.drive_app import create_drive_app
-    from server.drive.drive_host import DriveHost
-    from server.drive.study.study_drives import HostedDrives
-    from server.drive.study.study_pages import mount_study
-    from server.drive.study.study_service import StudyService
-
-    assert isinstance(place, ServerPlace)
+async def _serve(study: HumanStudyFolder, suite: Suite, place: ServerPlace, is_browser_wanted: bool) -> None:
+    """Serve the pages; what goes on at the end is continued by the same command."""
     host = DriveHost(place.list_names())
     app = create_drive_app(host)
     service = StudyService(study, HostedDrives(host, study, suite), lambda: now_us() // 1_000_000)

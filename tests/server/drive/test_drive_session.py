@@ -50,6 +50,25 @@ def test_the_clock_waits_for_all_drivers(tmp_path: Path) -> None:
     drive(test, tmp_path, ("ego_0", "ego_1"))
 
 
+def test_a_driver_whose_cav_has_ended_may_leave(tmp_path: Path) -> None:
+    """The others need not wait for it, nor for its start."""
+
+    async def test(bench: Bench) -> None:
+        first, second = await bench.join("ego_0"), await bench.join("ego_1")
+        await bench.ask(first, do="resume")
+        await bench.ask(second, do="resume")
+        bench.simulation.step(endings={"ego_0": "arrived"})
+        await settle()
+        bench.session.disconnect(first)
+        await settle()
+        assert bench.clock_calls == ["resume"]
+        bench.session.disconnect(second)
+        await settle()
+        assert bench.clock_calls == ["resume", "pause"]
+
+    drive(test, tmp_path, ("ego_0", "ego_1"))
+
+
 def test_a_lost_driver_pauses_and_goes_on_within_a_minute(tmp_path: Path) -> None:
     async def test(bench: Bench) -> None:
         driver, watcher = await bench.join("ego_0"), await bench.join()

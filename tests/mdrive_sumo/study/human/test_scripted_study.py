@@ -165,3 +165,10 @@ def test_more_kinds_than_participants_are_refused(tmp_path: Path) -> None:
     plan = load_plan(write_plan(tmp_path, participants=1))
     with pytest.raises(InputError, match="expected 1 to 1 different kinds"):
         assign_kinds(plan, KINDS)
+
+
+def test_the_printed_example_is_a_plan(tmp_path: Path) -> None:
+    printed = invoke("--example")
+    assert printed.exit_code == 0
+    (tmp_path / "plan.yaml").write_text(printed.output)
+    assert len(load_plan(tmp_path / "plan.yaml").scenarios) == 12

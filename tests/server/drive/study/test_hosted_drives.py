@@ -1,0 +1,87 @@
+"""Drives of a study over the real simulation: given up, continued after a crash, deleted while they go on."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+from testing.human_study import SECOND, write_plan
+
+from mdrive_sumo.scoring import load_results
+from mdrive_sumo.study.human.human_study_folder import HumanStudyFolder
+from mdrive_sumo.study.human.participant_progress import StepKind
+from mdrive_sumo.study.human.plan_file import check_plan, load_plan
+from server.drive.drive_host import DriveHost
+from server.drive.study.study_drives import HostedDrives
+from server.drive.study.study_service import StudyService
+
+pytestmark = pytest.mark.slow
+LIMIT_S = 120.0
+Play = Callable[[StudyService, DriveHost], Awaitable[None]]
+
+
+def play(folder: Path, scene: Play) -> None:
+    """Serve the study of a folder for a scene; at its end the server dies, so that nothing is put in order."""
+    plan = load_plan(write_plan(folder, participants=1, scenarios=[SECOND], conditions=[{"name": "view"}]))
+    study = HumanStudyFolder.create(folder / "study", plan, "persons")
+
+    async def run() -> None:
+        host = DriveHost()
+        try:
+            await scene(StudyService(study, HostedDrives(host, study, check_plan(plan, "plan")), lambda: 1000), host)
+        finally:
+            await host.close(wait_s=0.0)
+
+    asyncio.run(run())
+
+
+async def wait_for_step(service: StudyService, kind: StepKind) -> None:
+    for _ in range(round(LIMIT_S / 0.05)):
+        _, step = await service.find_step("P01")
+        if step.kind is kind:
+            return
+        await asyncio.sleep(0.05)
+    raise AssertionError(f"expected the step {kind}")
+
+
+def test_a_drive_is_continued_after_a_crash_and_counts_when_it_is_given_up(tmp_path: Path) -> None:
+    async def begin(service: StudyService, host: DriveHost) -> None:
+        await service.consent("P01")
+        path = await service.open_drive("P01")
+        assert path.startswith("/drive/0?token=")
+        session = host.find_session(f"participants/P01/drives/00-{SECOND}")
+        assert session is not None
+        assert session.rules.v2x_view and not session.rules.chat and not session.rules.may_rewind
+        assert await service.open_drive("P01") == path, "the same drive, not another one"
+        await wait_for_step(service, StepKind.DRIVING)
+
+    async def go_on(service: StudyService, host: DriveHost) -> None:
+        await wait_for_step(service, StepKind.DRIVING)
+        assert (await service.open_drive("P01")).startswith("/drive/0?token=")
+        await service.give_up("P01")
+        await wait_for_step(service, StepKind.QUESTIONS)
+        assert host.list_drives() == []
+
+    play(tmp_path, begin)
+    play(tmp_path, go_on)
+    (entry,) = HumanStudyFolder.open_existing(tmp_path / "study").load_progress("P01").drives
+    (result,) = load_results(tmp_path / "study" / entry.take / "results.json").scenarios
+    assert not entry.is_success and result.egos[0].reason.startswith("left: the person left at tick")
+    assert entry.take.endswith("/takes/2")
+
+
+def test_who_withdraws_in_the_middle_of_a_drive_leaves_nothing(tmp_path: Path) -> None:
+    async def withdraw(service: StudyService, host: DriveHost) -> None:
+        await service.consent("P01")
+        await service.open_drive("P01")
+        await service.withdraw("P01")
+        assert host.list_drives() == []
+        await asyncio.sleep(0.2)  # whatever might still write
+        assert not (service.study.folder / "participants" / "P01").exists()
+
+    play(tmp_path, withdraw)
+    assert {path.name for path in (tmp_path / "study").rglob("*") if path.is_file()} == {
+        "study.json",
+        "links.json",
+        "withdrawals.json",
+    }
