@@ -7,6 +7,7 @@ import click
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli.learn_data import command as data_command
+from mdrive_sumo.cli.learn_demonstrations import command as demonstrations_command
 from mdrive_sumo.cli.learn_train import command as train_command
 from mdrive_sumo.cli.options import workers_option
 from mdrive_sumo.core.output_files import make_parents, write_text
@@ -89,6 +90,7 @@ def export_command(system: str, checkpoint: Path, out: Path, data: tuple[Path, .
 
 command = click.Group("learn", help="Train systems that see through cameras: data, training, evaluation, export.")
 command.add_command(data_command)
+command.add_command(demonstrations_command)
 command.add_command(train_command)
 command.add_command(evaluate_command)
 command.add_command(export_command)

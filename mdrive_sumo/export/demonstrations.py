@@ -123,7 +123,7 @@ def _build_all(chosen: Iterable[tuple[StoredRun, ScenarioResult]]) -> Iterator[T
     known: Known = set()
     for stored, result in chosen:
         record = load_recording(stored.run, result)
-        wanted = {ego: _select_ticks(record, result, ego, known) for ego in record.ego_ids}
+        wanted = {ego: select_new_ticks(record, result, ego, known) for ego in record.ego_ids}
         if not any(ticks for ticks, _ in wanted.values()):
             continue
         scenario = next(one for one in stored.run.scenarios if one.id == result.id)
@@ -140,7 +140,9 @@ def _show(shown: Mapping[str, _PersonTicks], tick: int, observations: Mapping[st
             one.add(tick, observations[ego])
 
 
-def _select_ticks(record: EpisodeRecord, result: ScenarioResult, ego: str, known: Known) -> tuple[frozenset[int], int]:
+def select_new_ticks(
+    record: EpisodeRecord, result: ScenarioResult, ego: str, known: Known
+) -> tuple[frozenset[int], int]:
     """Return the ticks in which a person drove a CAV and that are new, and how many are not. Adds to `known`."""
     driven = RecordedActions(record, ego).list_person_ticks()
     keys = {tick: (result.id, result.seed, ego, record.digests[tick].tobytes()) for tick in driven}

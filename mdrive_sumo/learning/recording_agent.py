@@ -11,7 +11,8 @@ from mdrive_sumo.agents.learned.instructions import compose_instruction
 from mdrive_sumo.agents.learned.navigation import RouteNavigator
 from mdrive_sumo.agents.learned.network_inputs import build_lidar_histogram
 from mdrive_sumo.agents.learned.system_spec import DECISION_TICKS, SystemSpec
-from mdrive_sumo.contract import Agent, Briefing, Observation, OwnState, Plan, Reply, SensorSpec
+from mdrive_sumo.contract import Agent, Briefing, Control, Observation, OwnState, Plan, Reply, SensorSpec
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.seeding import draw_first_uniform
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.learning.perturbation import PerturbationSchedule
@@ -127,22 +128,56 @@ class RecordingAgent:
 
     def _record(self, seen: Observation, own: OwnState, plan: Plan, is_expert: bool) -> RecordedDecision:
         control = self._tracker.follow(plan, seen.own, 0)
-        navigation = self._navigator.locate(own)
-        numbers: dict[str, npt.NDArray[Any]] = {
-            "own": np.array((own.x, own.y, own.yaw, own.speed, own.acceleration, own.yaw_rate)),
-            "navigation": navigation.build_vector(own.speed),
-            "route": navigation.route,
-            "expert_plan": label_plan(plan, seen.own),
-            "expert_control": np.array((control.throttle, control.brake, control.steer)),
-        }
-        arrays: dict[str, npt.NDArray[Any]] = {name: value.astype(np.float32) for name, value in numbers.items()}
-        arrays["perturbed"] = np.array(not is_expert, dtype=np.uint8)
-        for scan in seen.lidar.values():
-            arrays["lidar"] = build_lidar_histogram(scan)
-        images = {name: encode_image(image) for name, image in seen.cameras.items()}
-        period = seen.tick // INSTRUCTION_TICKS
-        variant = int(VARIANTS * draw_first_uniform(self._setup.seed, "instruction", period))
-        return RecordedDecision(seen.tick, arrays, images, compose_instruction(navigation, variant))
+        answer = ExpertAnswer(label_plan(plan, seen.own), control, is_expert)
+        return build_decision(encode_sight(seen), own, self._navigator, answer, self._setup.seed)
+
+
+@dataclass(frozen=True)
+class EncodedSight:
+    """What cameras and LiDAR show in a tick, as it is stored."""
+
+    tick: int
+    images: Mapping[str, bytes]
+    """JPEG files by RIG-CAMERA."""
+    lidar: Mapping[str, npt.NDArray[Any]]
+    """The array `lidar`, if there is one."""
+
+
+@dataclass(frozen=True)
+class ExpertAnswer:
+    """What the expert wants at a decision."""
+
+    plan: Float
+    """(PLAN_POINTS, 2) [m] in the ego frame."""
+    control: Control
+    is_driven: bool
+    """Whether it is also what the car does."""
+
+
+def encode_sight(seen: Observation) -> EncodedSight:
+    """Return what rigs show in an observation."""
+    images = {name: encode_image(image) for name, image in seen.cameras.items()}
+    scans = list(seen.lidar.values())
+    return EncodedSight(seen.tick, images, {"lidar": build_lidar_histogram(scans[-1])} if scans else {})
+
+
+def build_decision(
+    sight: EncodedSight, own: OwnState, navigator: RouteNavigator, answer: ExpertAnswer, seed: int
+) -> RecordedDecision:
+    """Return a decision as it is stored. own: the own state as a learner gets it; seed: of paraphrases."""
+    navigation = navigator.locate(own)
+    control = answer.control
+    numbers: dict[str, npt.NDArray[Any]] = {
+        "own": np.array((own.x, own.y, own.yaw, own.speed, own.acceleration, own.yaw_rate)),
+        "navigation": navigation.build_vector(own.speed),
+        "route": navigation.route,
+        "expert_plan": answer.plan,
+        "expert_control": np.array((control.throttle, control.brake, control.steer)),
+    }
+    arrays: dict[str, npt.NDArray[Any]] = {name: value.astype(np.float32) for name, value in numbers.items()}
+    arrays |= {"perturbed": np.array(not answer.is_driven, dtype=np.uint8), **sight.lidar}
+    variant = int(VARIANTS * draw_first_uniform(seed, "instruction", sight.tick // INSTRUCTION_TICKS))
+    return RecordedDecision(sight.tick, arrays, sight.images, compose_instruction(navigation, variant))
 
 
 def is_decided(plan: Plan, own: OwnState) -> bool:

@@ -25,8 +25,14 @@ class HumanDriver:
     drives: its reply, and the person's texts. While a recording drives: what it holds.
     """
 
-    def __init__(self, ego: str, actions: ActionSource | None, agent: HumanAgent) -> None:
-        """agent: what is on board. actions: None: no driver, which is enough to declare sensors."""
+    def __init__(
+        self, ego: str, actions: ActionSource | None, agent: HumanAgent, watching: tuple[SensorSpec, ...] = ()
+    ) -> None:
+        """agent: what is on board. actions: None: no driver, which is enough to declare sensors.
+
+        watching: more sensors, for who watches the drive.
+        """
+        self._watching = watching
         self._ego, self._actions, self._agent = ego, actions, agent
         self._on_board = LocalDriver(agent)
         self.briefing: Briefing | None = None
@@ -47,7 +53,7 @@ class HumanDriver:
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """See AgentDriver."""
-        return self._on_board.sensors()
+        return (*self._on_board.sensors(), *self._watching)
 
     def start(self, briefing: Briefing) -> None:
         """See AgentDriver."""

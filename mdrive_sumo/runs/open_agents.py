@@ -157,9 +157,14 @@ def _open(
     return drivers
 
 
-def open_human_driver(ego: str, actions: ActionSource | None, spec: AgentSpec) -> HumanDriver:
-    """Return the driver of a CAV that people drive. spec: `human` or `human-replay`. Raises InputError."""
-    return HumanDriver(ego, actions, cast(HumanAgent, HUMAN_AGENTS[str(spec.agent)](spec.config)))
+def open_human_driver(
+    ego: str, actions: ActionSource | None, spec: AgentSpec, watching: tuple[SensorSpec, ...] = ()
+) -> HumanDriver:
+    """Return the driver of a CAV that people drive. Raises InputError.
+
+    spec: `human` or `human-replay`. watching: sensors besides those that drivers need.
+    """
+    return HumanDriver(ego, actions, cast(HumanAgent, HUMAN_AGENTS[str(spec.agent)](spec.config)), watching)
 
 
 def _rename(log: Path | None, name: Path | None) -> None:

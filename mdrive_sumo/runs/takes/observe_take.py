@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mdrive_sumo.contract import Briefing
+from mdrive_sumo.contract import Briefing, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import run_episode
@@ -33,16 +33,19 @@ def is_take(agent: AgentSpec) -> bool:
     return agent.agent == HUMAN
 
 
-def observe_take(job: EpisodeJob, record: EpisodeRecord, watch: ObservationWatcher) -> ObservedTake:
+def observe_take(
+    job: EpisodeJob, record: EpisodeRecord, watch: ObservationWatcher, sensors: tuple[SensorSpec, ...] = ()
+) -> ObservedTake:
     """Drive a take again; `watch` is shown every tick. Raises InputError if it is not the recorded episode.
 
-    job: of the take, with its suite. It writes nothing.
+    job: of the take, with its suite. It writes nothing. sensors: what `watch` is shown besides what drivers are; they
+    change nothing.
     """
     actions = {ego: RecordedActions(record, ego) for ego in record.ego_ids}
     again = make_reexecution(job, record)
     scenario, roads = load_job_scenario(again)
     config = build_episode_config(again, scenario, roads)
-    drivers = {ego: open_human_driver(ego, source, again.agent) for ego, source in actions.items()}
+    drivers = {ego: open_human_driver(ego, source, again.agent, sensors) for ego, source in actions.items()}
     with open_world(config) as world:
         driven = run_episode(config, world, drivers, watch)
     if difference := find_first_difference(record, driven):
