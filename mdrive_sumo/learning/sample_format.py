@@ -139,7 +139,7 @@ class DatasetFile(BaseModel):
     """Share of the segments that the expert drove although a learner was given."""
     round: int
     suite: str = ""
-    """Of takes, the suites whose scenarios people drove; else one that stood in for the training scenarios, in tests."""
+    """Of takes, the suites whose scenarios people drove; else one in place of the training scenarios, in tests."""
     requested: int
     """Scenarios asked for."""
     samples: int
