@@ -21,7 +21,7 @@ TAKEN_OPTIONS = (SUBSTITUTES_OPTION, "v2x", "device")
 
 
 def complete_replay(agent: AgentSpec) -> AgentSpec:
-    """Return the agent with the options of the take that it repeats. Other agents stay as they are.
+    """Return the agent with the options of the take that it repeats, and its absolute path. Others stay as they are.
 
     Raises InputError without a take, or for a run that is none.
     """
@@ -39,8 +39,8 @@ def complete_replay(agent: AgentSpec) -> AgentSpec:
             f"agent {HUMAN_REPLAY}: option {TAKE_OPTION}: expected a take, found {folder}, a run of the agent"
             f" {fingerprint.get('agent')!r:.60}"
         )
-    taken = _read_options(fingerprint)
-    return replace(agent, config={**{key: taken[key] for key in TAKEN_OPTIONS if key in taken}, **agent.config})
+    taken = {key: value for key, value in _read_options(fingerprint).items() if key in TAKEN_OPTIONS}
+    return replace(agent, config={**taken, **agent.config, TAKE_OPTION: str(folder.resolve())})
 
 
 def _read_options(fingerprint: Mapping[str, Any]) -> dict[str, Any]:

@@ -37,6 +37,16 @@ def test_a_replay_is_the_take_under_its_own_name(tmp_path: Path, suite: Path, ta
     assert str(tmp_path) not in (run / "journal.jsonl").read_text()
 
 
+def test_a_replay_finds_its_take_from_anywhere(
+    tmp_path: Path, suite: Path, take: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(take.parent)
+    assert replay(tmp_path, "--suite", suite, take=take.name).exit_code == 0
+    monkeypatch.chdir("/")
+    ended = invoke("verify", tmp_path / "run", "--workers", 1)
+    assert ended.exit_code == 0, ended.output
+
+
 def test_a_replay_identifies_its_take(tmp_path: Path, suite: Path, take: Path) -> None:
     run = tmp_path / "run"
     assert replay(tmp_path, "--suite", suite, take=str(take)).exit_code == 0

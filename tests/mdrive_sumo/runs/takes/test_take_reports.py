@@ -98,14 +98,16 @@ def test_a_person_who_left_is_no_failed_program(left_take: Path) -> None:
         ("rescore", "{take}", "--score-mode", "interdrive_fixed"),
         ("report", "{take}", "--out", "{out}"),
         ("export", "{take}", "--format", "csv", "--out", "{out}"),
-        ("compare", "{take}", "{take}"),
+        ("compare", "{take}", "{left}"),
         ("list", "runs", "{take}"),
         ("view", "{take}", "--export", "{out}"),
+        ("view", "{take}", "{left}", "--export", "{out}"),
+        ("render", "{take}", "--tick", "35", "--size", "320x180", "--out", "{out}.png"),
         ("eval-open", "--reference", "{take}", "--agent", "constant-speed", "--out", "{out}"),
     ],
 )
-def test_commands_for_runs_take_takes(take: Path, tmp_path: Path, words: tuple[str, ...]) -> None:
-    ended = invoke(*(word.format(take=take, out=tmp_path / "out.html") for word in words))
+def test_commands_for_runs_take_takes(take: Path, left_take: Path, tmp_path: Path, words: tuple[str, ...]) -> None:
+    ended = invoke(*(word.format(take=take, left=left_take, out=tmp_path / "out.html") for word in words))
     assert ended.exit_code == 0, ended.output
     if words[0] == "rescore":
         assert invoke("verify", take, "--workers", 1).exit_code == 0
