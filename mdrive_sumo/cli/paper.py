@@ -116,6 +116,7 @@ class _PaperOptions:
     def prepare_study(self) -> _PreparedStudy:
         """Return the study, and claim its folder. Raises InputError before anything is driven."""
         names = self._parse_agents()
+        humans = load_stored_human_results(self.human_study) if self.human_study is not None else None
         reference = prepare(self._make_config(REFERENCE))
         plan = make_plan(reference.suite, self._choose_scale())
 
@@ -125,7 +126,6 @@ class _PaperOptions:
         agents, left_out = prepare_installed_agents(prepare_agent, names)
         about = describe_study(reference.config, reference.suite, plan)
         claim_folder(self.out, about, fresh=self.fresh)
-        humans = load_stored_human_results(self.human_study) if self.human_study is not None else None
         return _PreparedStudy(PaperStudy(plan, agents, reference, self.out), left_out, about, humans)
 
     def _choose_scale(self) -> PaperScale:

@@ -76,6 +76,7 @@ def test_what_appears_during_a_glance_is_seen_after_it() -> None:
     assert 0.2 < sum(away) / ticks < 0.6
 
 
+@pytest.mark.slow
 def test_the_distracted_driver_misses_what_happens_meanwhile() -> None:
     """The same obstacle, at every tick of the first eight seconds: the delay is the reaction time, or up to a glance
     more."""

@@ -7,12 +7,15 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 from testing import paper_fakes
+from testing.human_study import make_plan
 from testing.study_samples import invoke
 
 from mdrive_sumo.open_loop import OpenLoopScenario
 from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.study.human.human_report import NO_PERSON
+from mdrive_sumo.study.human.human_study_folder import HumanStudyFolder
 
 AGENTS = "stationary,idm,sharing,constant-speed"
 
@@ -67,7 +70,8 @@ def test_one_command_writes_everything_and_a_second_one_drives_nothing(suite: Pa
 
 @pytest.mark.slow
 def test_every_table_and_figure_of_a_quick_study_says_so(suite: Path) -> None:
-    ended = study(suite, "--quick", agents="idm,sharing")
+    humans = HumanStudyFolder.create(suite.parent / "humans", make_plan(), "persons").folder
+    ended = study(suite, "--quick", "--human-study", humans, agents="idm,sharing")
     assert ended.exit_code == 0, ended.output
     out = suite.parent / "out"
     files = [*(out / "csv").iterdir(), *(out / "latex").glob("[!a]*"), *(out / "figures").iterdir()]
@@ -77,6 +81,7 @@ def test_every_table_and_figure_of_a_quick_study_says_so(suite: Path) -> None:
     assert titles and all(line.startswith("### QUICK: ") for line in titles)
     assert all("QUICK: " in path.read_text() for path in (out / "latex").glob("quick_*"))
     assert "These numbers are no results" in words
+    assert f"persons | {NO_PERSON}" in words
     assert "These numbers are no results" in (out / "paper.html").read_text()
 
 
@@ -111,6 +116,7 @@ def test_an_interrupted_study_goes_on_and_agents_may_be_added(suite: Path, monke
         ((), "perception-swap:cobevt", "expected an agent besides perception-swap:*"),
         (("--seeds", "0"), "idm", "0 is not in the range"),
         (("--quick", "--all-scenarios"), "idm", "expected --quick or --all-scenarios, found both"),
+        (("--human-study", "absent"), "idm", "absent: expected the folder of a study with study.json, found none"),
     ],
 )
 def test_bad_input_is_one_sentence_and_leaves_no_folder(

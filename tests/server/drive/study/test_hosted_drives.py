@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from testing.human_study import SECOND, write_plan
@@ -20,9 +21,10 @@ LIMIT_S = 120.0
 Play = Callable[[StudyService, DriveHost], Awaitable[None]]
 
 
-def play(folder: Path, scene: Play) -> None:
+def play(folder: Path, scene: Play, **changes: Any) -> None:
     """Serve the study of a folder for a scene; at its end the server dies, so that nothing is put in order."""
-    plan = load_plan(write_plan(folder, participants=1, scenarios=[SECOND], conditions=[{"name": "view"}]))
+    keys = {"participants": 1, "scenarios": [SECOND], "conditions": [{"name": "view"}], **changes}
+    plan = load_plan(write_plan(folder, **keys))
     study = HumanStudyFolder.create(folder / "study", plan, "persons")
 
     async def run() -> None:
@@ -68,6 +70,23 @@ def test_a_drive_is_continued_after_a_crash_and_counts_when_it_is_given_up(tmp_p
     (result,) = load_results(tmp_path / "study" / entry.take / "results.json").scenarios
     assert not entry.is_success and result.egos[0].reason.startswith("left: the person left at tick")
     assert entry.take.endswith("/takes/2")
+
+
+def test_two_in_a_pair_have_a_link_each_to_one_drive(tmp_path: Path) -> None:
+    async def begin(service: StudyService, host: DriveHost) -> None:
+        for code in ("P01", "P02"):
+            await service.consent(code)
+        first, second = [await service.open_drive(code) for code in ("P01", "P02")]
+        assert first.startswith("/drive/0?token=") and second.startswith("/drive/1?token=")
+        (name,) = host.list_drives()
+        session = host.find_session(name)
+        assert name == f"pairs/P01+P02/00-{SECOND}" and session is not None
+        assert session.rules.chat and session.rules.return_paths == {
+            "0": service.make_path("P01"),
+            "1": service.make_path("P02"),
+        }
+
+    play(tmp_path, begin, participants=2, conditions=[{"name": "together", "partner": "person", "chat": True}])
 
 
 def test_who_withdraws_in_the_middle_of_a_drive_leaves_nothing(tmp_path: Path) -> None:
