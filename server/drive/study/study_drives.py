@@ -55,6 +55,8 @@ class HostedDrives:
     async def open(self, entry: DriveEntry, drive: PlannedDrive, return_paths: dict[int, str]) -> str:
         """See StudyDrives."""
         egos = self._ego_ids[entry.scenario]
+        if self._is_spoiled(entry):
+            await self.close(entry)
         if self._host.find_session(entry.folder) is None:
             numbers = sorted({drive.cav, *((drive.partner_cav,) if drive.condition.has_person else ())})
             setup = self._make_setup(entry, drive.condition, tuple(egos[number] for number in numbers))
@@ -72,6 +74,19 @@ class HostedDrives:
         links = self._host.list_links(entry.folder)
         return next(link.path for link in links if link.role is SeatRole.DRIVER and link.cav == egos[entry.cav])
 
+    def _is_spoiled(self, entry: DriveEntry) -> bool:
+        """Return whether a drive cannot go on: its simulation is gone for good, or the last take is void."""
+        session = self._host.find_session(entry.folder)
+        if session is None:
+            return False
+        takes = self._list_takes(entry)
+        return session.has_ended or (bool(takes) and takes[-1].status is TakeStatus.VOID)
+
+    def _list_takes(self, entry: DriveEntry) -> list[Take]:
+        """Return the takes of a drive by number; none before it was opened."""
+        folder = self._study.folder / entry.folder
+        return [take for _, take in sorted(load_tree(folder).takes.items())] if has_tree(folder) else []
+
     def _make_setup(self, entry: DriveEntry, condition: StudyCondition, people: tuple[str, ...]) -> DriveSetup:
         partner = DEFAULT_PARTNER if condition.partner == PERSON else condition.partner
         plan = self._study.plan
@@ -87,10 +102,7 @@ class HostedDrives:
 
     def find_take(self, entry: DriveEntry) -> str:
         """See StudyDrives."""
-        folder = self._study.folder / entry.folder
-        if not has_tree(folder):
-            return ""
-        take = choose_take([take for _, take in sorted(load_tree(folder).takes.items())])
+        take = choose_take(self._list_takes(entry))
         return f"{entry.folder}/{TAKES_FOLDER}/{take.number}" if take is not None else ""
 
     async def settle(self, entry: DriveEntry) -> None:

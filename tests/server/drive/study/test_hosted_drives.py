@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from testing.drive_fakes import FakeSimulation
 from testing.human_study import SECOND, write_plan
 
 from mdrive_sumo.scoring import load_results
@@ -13,22 +14,26 @@ from mdrive_sumo.study.human.human_study_folder import HumanStudyFolder
 from mdrive_sumo.study.human.participant_progress import StepKind
 from mdrive_sumo.study.human.plan_file import check_plan, load_plan
 from server.drive.drive_host import DriveHost
+from server.drive.simulation_process import SimulationProcess
 from server.drive.study.study_drives import HostedDrives
 from server.drive.study.study_service import StudyService
+from server.drive.take_tree import Take, TakeStatus, TakeTree
 
 pytestmark = pytest.mark.slow
 LIMIT_S = 120.0
 Play = Callable[[StudyService, DriveHost], Awaitable[None]]
 
 
-def play(folder: Path, scene: Play, **changes: Any) -> None:
+def play(
+    folder: Path, scene: Play, make_simulation: Callable[[], SimulationProcess] = SimulationProcess, **changes: Any
+) -> None:
     """Serve the study of a folder for a scene; at its end the server dies, so that nothing is put in order."""
     keys = {"participants": 1, "scenarios": [SECOND], "conditions": [{"name": "view"}], **changes}
     plan = load_plan(write_plan(folder, **keys))
     study = HumanStudyFolder.create(folder / "study", plan, "persons")
 
     async def run() -> None:
-        host = DriveHost()
+        host = DriveHost(make_simulation=make_simulation)
         try:
             await scene(StudyService(study, HostedDrives(host, study, check_plan(plan, "plan")), lambda: 1000), host)
         finally:
@@ -104,3 +109,23 @@ def test_who_withdraws_in_the_middle_of_a_drive_leaves_nothing(tmp_path: Path) -
         "links.json",
         "withdrawals.json",
     }
+
+
+@pytest.mark.parametrize("spoil", ["void", "ended"])
+def test_a_drive_that_cannot_go_on_begins_anew(tmp_path: Path, spoil: str) -> None:
+    """Its last take is void, or its simulation has ended for good: the participant is not stuck with a dead link."""
+
+    async def begin(service: StudyService, host: DriveHost) -> None:
+        await service.consent("P01")
+        first = await service.open_drive("P01")
+        (name,) = host.list_drives()
+        session = host.find_session(name)
+        assert session is not None
+        if spoil == "void":
+            TakeTree(service.study.folder / name, {}, {1: Take(1, status=TakeStatus.VOID)}).save()
+        else:
+            session.has_ended = True
+        assert await service.open_drive("P01") != first
+        assert host.list_drives() == [name] and host.find_session(name) is not session
+
+    play(tmp_path, begin, make_simulation=FakeSimulation)
