@@ -92,6 +92,10 @@ class TakeTree:
         """Return the tree with a new or changed take."""
         return replace(self, takes={**self.takes, take.number: take})
 
+    def without_take(self, number: int) -> "TakeTree":
+        """Return the tree without a take that has no children."""
+        return replace(self, takes={other: take for other, take in self.takes.items() if other != number})
+
     def list_line(self, number: int) -> Iterator[tuple[int, int | None]]:
         """Yield a take and its ancestors with the tick up to which each of them is part of the take; None: no limit."""
         limit: int | None = None

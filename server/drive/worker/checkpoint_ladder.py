@@ -60,6 +60,17 @@ class CheckpointLadder:
         for key in [key for key in self._sockets if key[0] == take]:
             self._end(key)
 
+    def move_take(self, take: int, parent: int | None) -> None:
+        """Let the parent of a take have its checkpoints, all of which lie before the end of what they share."""
+        if parent is None:
+            return  # that of tick 0 is found by every take
+        for key in [key for key in self._sockets if key[0] == take]:
+            connection, moved = self._sockets.pop(key), (parent, key[1])
+            if moved in self._sockets:
+                connection.close()
+            else:
+                self._sockets[moved] = connection
+
     def clear(self) -> None:
         """End all checkpoints."""
         for key in list(self._sockets):

@@ -1,6 +1,6 @@
 """DriveContext: what all takes of a drive have in common, loaded once, before any process is forked."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -87,6 +87,14 @@ class DriveContext:
         if name != HUMAN:
             HumanAgent(self.config.agent.config).make_substitute(name, choice.config)
         return choice
+
+    def check_substitutes(self, agents: Sequence[str], cavs: Sequence[str]) -> None:
+        """Raise InputError unless these agents may drive these CAVs in what-if branches."""
+        for agent in agents:
+            if agent == HUMAN:
+                raise InputError("what-if: expected agents, found a person")
+            for cav in cavs or self.cavs[:1]:
+                self.check_driver(cav, agent, {})
 
     def make_entered_run(self) -> EnteredRun | None:
         """Return the actions of the run that is entered. Raises InputError for a damaged recording."""

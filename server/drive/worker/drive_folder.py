@@ -1,8 +1,9 @@
 """The folder of a drive when it is opened: a new one, or that of an earlier drive, also of one that was killed."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from mdrive_sumo.core.atomic_folder import check_new_folder
 from mdrive_sumo.core.errors import InputError
@@ -77,24 +78,62 @@ def _adopt_takes(tree: TakeTree) -> TakeTree:
     return tree
 
 
-def find_unfinished(tree: TakeTree) -> tuple[TakeTree, list[tuple[int, int]], list[str]]:
-    """Return the tree, the takes that an earlier session has not finished with their numbers of ticks, and problems.
+class Unfinished(NamedTuple):
+    """What an earlier session has left."""
+
+    tree: TakeTree
+    takes: list[tuple[int, int]]
+    """The takes to finish, with their numbers of ticks."""
+    go_on: tuple[int, int] | None
+    """The take and the tick from which the drive goes on; None: from the start."""
+    problems: list[str]
+
+
+def find_unfinished(tree: TakeTree) -> Unfinished:
+    """Return the takes that an earlier session has not finished, and the tree without those that were not driven.
 
     A take whose journal cannot be read is marked as void, with a sentence.
     """
-    unfinished: list[tuple[int, int]] = []
-    problems: list[str] = []
+    found = Unfinished(tree, [], None, [])
     for number, take in sorted(tree.takes.items()):
-        if take.status in (TakeStatus.RUNNING, TakeStatus.LEFT):
-            try:
-                _, ticks = read_journal(tree.find_journal(number))
-            except InputError as error:
-                problems.append(f"take {number} cannot be finished: {error}")
-                tree = tree.with_take(replace(take, status=TakeStatus.VOID))
-                continue
-            unfinished.append((number, len(ticks)))
-            tree = tree.with_take(replace(take, status=TakeStatus.LEFT))
-    return tree, unfinished, problems
+        if take.status not in (TakeStatus.RUNNING, TakeStatus.LEFT):
+            continue
+        try:
+            _, ticks = read_journal(tree.find_journal(number))
+        except InputError as error:
+            found.problems.append(f"take {number} cannot be finished: {error}")
+            found = found._replace(tree=found.tree.with_take(replace(take, status=TakeStatus.VOID)))
+            continue
+        if len(ticks) > take.tick:
+            found.takes.append((number, len(ticks)))
+            left = found.tree.with_take(replace(take, status=TakeStatus.LEFT))
+            found = found._replace(tree=left, go_on=(number, len(ticks)))
+        else:
+            drop_journal(tree, number)
+            before = None if take.parent is None else (take.parent, take.tick)
+            found = found._replace(tree=found.tree.without_take(number), go_on=before)
+    return found
+
+
+def drop_journal(tree: TakeTree, number: int) -> None:
+    """Remove the journal of a take that was not driven, if that is possible: it holds what that of its parent does."""
+    with suppress(OSError):
+        tree.find_journal(number).unlink()
+
+
+def check_tick(tree: TakeTree, take: int, tick: object) -> None:
+    """Raise InputError unless a take can go on from a tick: one before its end."""
+    is_finished = tree.find(take).status is TakeStatus.FINISHED
+    last = len(read_journal(tree.find_journal(take))[1]) - is_finished
+    if type(tick) is not int or not 0 <= tick <= last:
+        raise InputError(f"tick: expected one of take {take}, 0 to {last}, found {tick!r:.40}")
+
+
+def find_driven(tree: TakeTree, number: int, tick: int) -> int | None:
+    """Return a take, or its parent if it has no tick of its own yet: it is the same then, and is dropped."""
+    take = tree.find(number)
+    is_driven = tick > take.tick or len(read_journal(tree.find_journal(number))[1]) > take.tick
+    return number if is_driven else take.parent
 
 
 class StoredTree:
@@ -108,6 +147,12 @@ class StoredTree:
     def add(self, take: Take) -> None:
         """Add a take, and write the tree."""
         self.tree = self.tree.with_take(take)
+        self.save()
+
+    def drop(self, take: int) -> None:
+        """Forget a take that was not driven, and write the tree."""
+        drop_journal(self.tree, take)
+        self.tree = self.tree.without_take(take)
         self.save()
 
     def change(self, take: int, **values: Any) -> None:

@@ -21,6 +21,11 @@ class JournaledTake:
         """Drivers that begin in the current tick, by CAV."""
 
     @property
+    def is_driven(self) -> bool:
+        """Whether it has a tick of its own."""
+        return self.simulation.tick > self.order.header.tick or self.simulation.is_done
+
+    @property
     def left_tick(self) -> int | None:
         """The first tick in which people left a CAV; None: they have not."""
         return next((tick for tick, one in enumerate(self.simulation.log.ticks) if one.left), None)

@@ -10,16 +10,22 @@ All numbers are little-endian. Names and rows are complete in themselves: number
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.state import Frame
-from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.episode.recorded_frame import rebuild_frame
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.runs.prepared_run import recording_path
+from server.drive.message_socket import MessageSocket
 from server.drive.protocol import ROW_BYTES
+from server.drive.simulation_values import CallAnswer
+from server.drive.worker.drive_context import DriveContext
 from server.drive.worker.frame_builder import FrameBuilder, Origin
 
 
@@ -38,6 +44,19 @@ def pack_motion(take: int, frames: FrameBuilder, cavs: Sequence[str]) -> bytes:
     counts = [len(rows) // ROW_BYTES for rows in frames.rows]
     begins = np.concatenate(([0], np.cumsum(counts, dtype=np.int64))).astype("<u4")
     return b"".join((len(text).to_bytes(4, "little"), text, begins.tobytes(), *frames.rows))
+
+
+def make_motion_sender(context: DriveContext, folder: Path, take: int, number: int) -> Callable[[MessageSocket], None]:
+    """Return what sends the motion of a finished take as the answer to a call. Raises InputError without recording."""
+    path = recording_path(folder, context.scenario.id)
+    if not path.is_file():
+        raise InputError(f"take {take}: expected the recording of a finished take, found none in {folder}")
+
+    def send_motion(connection: MessageSocket) -> None:
+        motion = pack_recorded_motion(take, load_episode(path), context.roads, context.origin)
+        connection.send(CallAnswer(number, motion))
+
+    return send_motion
 
 
 def pack_recorded_motion(take: int, record: EpisodeRecord, roads: RoadMap, origin: Origin) -> bytes:

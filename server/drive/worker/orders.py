@@ -117,6 +117,13 @@ class TakeRefused:
 
 
 @dataclass(frozen=True, slots=True)
+class TakeDropped:
+    """The take was left before its first tick: there is nothing to store."""
+
+    take: int
+
+
+@dataclass(frozen=True, slots=True)
 class TakeFinished:
     """The take is scored and stored."""
 

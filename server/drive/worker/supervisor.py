@@ -15,9 +15,6 @@ from dataclasses import replace
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.episode import load_episode
-from mdrive_sumo.runs.prepared_run import recording_path
-from mdrive_sumo.runs.takes import HUMAN
 from server.drive.message_socket import MessageSocket
 from server.drive.simulation_values import (
     CallAnswer,
@@ -31,13 +28,21 @@ from server.drive.simulation_values import (
 from server.drive.take_tree import Take, TakeStatus, TakeTree
 from server.drive.worker.child import Child, ChildProcesses, ChildRole
 from server.drive.worker.drive_context import DriveContext, load_context
-from server.drive.worker.drive_folder import StoredTree, find_unfinished, open_tree, restore_setup
-from server.drive.worker.motion import pack_recorded_motion
+from server.drive.worker.drive_folder import (
+    StoredTree,
+    check_tick,
+    find_driven,
+    find_unfinished,
+    open_tree,
+    restore_setup,
+)
+from server.drive.worker.motion import make_motion_sender
 from server.drive.worker.orders import (
     CheckpointMade,
     FinishOrder,
     LeaveOrder,
     Provenance,
+    TakeDropped,
     TakeFinished,
     TakeMode,
     TakeOrder,
@@ -46,7 +51,6 @@ from server.drive.worker.orders import (
     WhatIfDone,
     make_order,
 )
-from server.drive.worker.take_journal import read_journal
 from server.drive.worker.take_process import TAKE_IS_OVER
 from server.drive.worker.what_if_calls import WhatIfCalls
 
@@ -71,6 +75,7 @@ class DriveSupervisor:
         """Takes of an earlier session that wait for their turn to be finished, with their numbers of ticks."""
         self._finish_calls: list[int] = []
         self._provenance = Provenance("unknown", 0.0)
+        self._last_take = 0
         self._slots = max(1, len(os.sched_getaffinity(0)) - 1)
         """Processes that work in the background at a time: one core is left to the live take."""
         self._what_ifs = WhatIfCalls(self._children, self._slots, lambda order: self._start(order, ChildRole.HELPING))
@@ -127,22 +132,20 @@ class DriveSupervisor:
         context = self._context = load_context(setup)
         self._provenance = Provenance(setup.device, 0.0)
         tree = open_tree(context.setup, context.describe())
-        tree, self._earlier, problems = find_unfinished(tree)
-        self._stored = StoredTree(tree, self._server.send)
+        found = find_unfinished(tree)
+        self._earlier = found.takes
+        self._stored = StoredTree(found.tree, self._server.send)
         gc.collect()
         gc.freeze()  # else the first collection of each fork would write to, and so copy, all that they share
-        for problem in problems:
+        for problem in found.problems:
             self._server.send(DriveProblem(problem))
         self._stored.save()
-        if self._earlier:
-            take, tick = self._earlier[-1]
-            self._begin(number, take, tick)
-        else:
-            self._begin(number, None, context.setup.from_tick if context.record is not None else 0)
+        parent, tick = found.go_on or (None, self._first_tick)
+        self._begin(number, parent, tick)
         self._give_turns()
 
     def _call_branch(self, number: int, take: int, tick: int) -> None:
-        self._check_tick(take, tick)
+        check_tick(self.tree, take, tick)
         if self._starting is not None:
             raise InputError("branch: expected one at a time, found another one that begins")
         if self._live is not None:
@@ -171,26 +174,14 @@ class DriveSupervisor:
             child.calls[number] = "load_motion"
             child.tell(DriveCall(number, "load_motion"))
             return
-        context, folder = self.context, self.tree.find_folder(take)
-        path = recording_path(folder, context.scenario.id)
-        if not path.is_file():
-            raise InputError(f"take {take}: expected the recording of a finished take, found none in {folder}")
-
-        def send_motion(connection: MessageSocket) -> None:
-            motion = pack_recorded_motion(take, load_episode(path), context.roads, context.origin)
-            connection.send(CallAnswer(number, motion))
-
+        send_motion = make_motion_sender(self.context, self.tree.find_folder(take), take, number)
         self._children.start_helper(send_motion, number)
 
     def _call_what_if(
         self, number: int, take: int, tick: int, agents: tuple[str, ...], seconds: float, cavs: tuple[str, ...]
     ) -> None:
-        self._check_tick(take, tick)
-        for agent in agents:
-            if agent == HUMAN:
-                raise InputError("what-if: expected agents, found a person")
-            for cav in cavs or self.context.cavs[:1]:
-                self.context.check_driver(cav, agent, {})
+        check_tick(self.tree, take, tick)
+        self.context.check_substitutes(agents, cavs)
         self._what_ifs.add(number, agents)
         order = replace(self._make_order(take, take, tick, TakeMode.HOLD), seconds=seconds, cavs=cavs)
         key = self._children.ladder.find(self.tree.list_line(take), tick)
@@ -209,6 +200,11 @@ class DriveSupervisor:
         return self._context
 
     @property
+    def _first_tick(self) -> int:
+        """The tick in which people begin: 0, or that of the run that is entered."""
+        return self.context.setup.from_tick if self.context.record is not None else 0
+
+    @property
     def stored(self) -> StoredTree:
         """The takes on disk. Raises InputError before `open`."""
         if self._stored is None:
@@ -220,16 +216,12 @@ class DriveSupervisor:
         """The takes. Raises InputError before `open`."""
         return self.stored.tree
 
-    def _check_tick(self, take: int, tick: int) -> None:
-        """Raise InputError unless a take can go on from a tick: one before its end."""
-        is_finished = self.tree.find(take).status is TakeStatus.FINISHED
-        last = len(read_journal(self.tree.find_journal(take))[1]) - is_finished
-        if type(tick) is not int or not 0 <= tick <= last:
-            raise InputError(f"tick: expected one of take {take}, 0 to {last}, found {tick!r:.40}")
-
     def _begin(self, number: int, parent: int | None, tick: int) -> None:
         """Start the process of a new take. number: of the call that is answered when it is in its tick."""
-        context, take = self.context, self.tree.next_number
+        context = self.context
+        take = self._last_take = max(self._last_take + 1, self.tree.next_number)
+        if parent is not None and self._live is not None and parent == self._live.take:
+            parent = find_driven(self.tree, parent, tick)
         order = self._make_order(take, parent, tick, TakeMode.DRIVE)
         if context.record is not None and parent is None:
             order = replace(order, header=replace(order.header, entered_tick=tick))
@@ -297,6 +289,10 @@ class DriveSupervisor:
             self._hear_refused(child, message)
         elif isinstance(message, TakeFinished):
             self._hear_finished(child, message)
+        elif isinstance(message, TakeDropped):
+            child.role = ChildRole.HELPING  # it has nothing more to do than to end
+            self._children.ladder.move_take(message.take, self.tree.find(message.take).parent)
+            self.stored.drop(message.take)
         elif isinstance(message, WhatIfDone):
             for number, branches in self._what_ifs.hear(child, message):
                 self._answer(number, branches)
@@ -350,7 +346,7 @@ class DriveSupervisor:
             self._begin(number, order.header.parent, order.header.tick)
             return True
         if order.header.parent is not None:
-            self._begin(number, None, context.setup.from_tick if context.record is not None else 0)
+            self._begin(number, None, self._first_tick)
             return True
         return False
 

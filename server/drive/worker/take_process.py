@@ -26,6 +26,7 @@ from server.drive.worker.orders import (
     CheckpointMade,
     FinishOrder,
     Provenance,
+    TakeDropped,
     TakeFinished,
     TakeMode,
     TakeOrder,
@@ -221,6 +222,9 @@ class TakeProcess:
         live = LiveTake(take, self._connection, self.fork_checkpoint)
         live.run()
         self._may_finish, self._provenance = live.may_finish, live.provenance
+        if live.is_left and not take.is_driven:
+            self._connection.send(TakeDropped(header.take))
+            return
         if live.is_left:
             os.nice(BACKGROUND_NICE)
             self._finish_left(take)

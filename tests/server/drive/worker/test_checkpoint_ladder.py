@@ -87,3 +87,16 @@ def test_a_take_that_has_not_come_about_leaves_nothing() -> None:
     ladder.drop_take(2)
     assert waiting.list() == [(1, 0), (1, 40)]
     waiting.close()
+
+
+def test_the_checkpoints_of_a_dropped_take_are_those_of_its_parent() -> None:
+    ladder = CheckpointLadder()
+    waiting = Waiting(ladder)
+    waiting.add(1, 0, 40)
+    waiting.add(2, 40, 80)
+    ladder.move_take(2, 1)
+    assert waiting.list() == [(1, 0), (1, 40), (2, 80)]
+    assert ladder.find([(1, None)], 99) == (1, 80)
+    ladder.move_take(1, None)
+    assert ladder.find([], 99) == (1, 0)
+    waiting.close()

@@ -208,3 +208,28 @@ def test_a_drive_tells_its_takes(suite: Path, tmp_path: Path) -> None:
     about = json.loads((tmp_path / "drive" / "takes" / "1" / "journal.jsonl").read_text().splitlines()[0])
     assert '"device":"wheel"' in json.dumps(about).replace("\\", "").replace(" ", "")
     assert '"latency_ms":12.5' in json.dumps(about).replace("\\", "").replace(" ", "")
+
+
+def test_a_take_that_was_left_before_its_first_tick_is_none(suite: Path, tmp_path: Path) -> None:
+    """People go back several times before they drive on: that leaves no takes in which nothing was done."""
+    folder = tmp_path / "drive"
+
+    async def drive(session: DriveSession) -> None:
+        process = session.process
+        await session.open(make_setup(folder, suite))
+        assert await process.branch(1, 0) == 2
+        await session.wait_for(lambda: session.frames[-1].take == 2)
+        await session.drive_to(20)
+        assert await process.branch(2, 10) == 3
+        assert await process.branch(3, 10) == 4
+        assert await process.branch(4, 5) == 5
+        await session.wait_for(lambda: session.frames[-1].take == 5)
+        await session.drive_to(15)
+        await session.close()
+
+    run_drive(drive)
+    tree = load_tree(folder)
+    assert {number: (take.parent, take.tick) for number, take in tree.takes.items()} == {2: (None, 0), 5: (2, 5)}
+    assert sorted(path.name for path in (folder / "takes").glob("*.jsonl")) == ["2.actions.jsonl", "5.actions.jsonl"]
+    for number in tree.takes:
+        verify(tree.find_folder(number))

@@ -143,7 +143,8 @@ def test_a_take_whose_journal_is_damaged_is_void_and_the_drive_goes_on(suite: Pa
             assert sentence in session.problems[0]
             tree = session.process.tree
             assert tree.takes[1].status is TakeStatus.VOID
-            assert (tree.takes[2].parent, tree.takes[2].tick) == (None, 0)
+            live = tree.takes[max(tree.takes)]
+            assert (live.parent, live.tick) == (None, 0)
             await session.drive_to(10)
 
         run_drive(go_on)
