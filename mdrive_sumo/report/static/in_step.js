@@ -10,6 +10,7 @@ const LINES = { part: "parted", apart: "separated" }; // what a button jumps to,
 class Player {
   constructor() {
     Object.assign(this, { time: 0, playing: false, rate: 1, lastTick: 1, tickSeconds: 0.05, ready: [] });
+    this.space = { isOn: false, mode: "chase" };
   }
 
   send(order, frame) {
@@ -60,6 +61,12 @@ class Player {
     const bounds = this.ready.map((one) => one.bounds);
     const side = (i, pick) => pick(...bounds.map((one) => one[i]));
     this.send({ kind: "fit", bounds: [side(0, Math.min), side(1, Math.min), side(2, Math.max), side(3, Math.max)] });
+  }
+
+  /** 3-D view or map in both. */
+  showSpace(isOn, mode) {
+    this.space = { isOn, mode };
+    this.send({ kind: "space", isOn, mode });
   }
 
   changed() {
@@ -140,6 +147,7 @@ const orders = {
   rate: ({ rate }) => player.setRate(rate),
   part: ({ apart }) => player.jump(apart ? "apart" : "part"),
   fit: () => player.fit(),
+  space: ({ isOn, mode }) => player.showSpace(isOn, mode),
   event: ({ direction }) => player.jumpToEvent(direction > 0 ? 1 : -1),
   view: ({ x, y, scale }, side) => player.send({ kind: "view", x, y, scale }, frames[1 - side]),
 };
@@ -177,6 +185,8 @@ const keys = {
   n: () => player.jumpToEvent(1),
   p: () => player.jumpToEvent(-1),
   g: (event) => player.jump(event.shiftKey ? "apart" : "part"),
+  d: () => player.showSpace(!player.space.isOn, player.space.mode),
+  e: () => player.send({ kind: "mode" }, frames[0]), // the first replay knows what comes next, and asks for it in both
   0: () => player.fit(),
 };
 addEventListener("keydown", (event) => {

@@ -4,7 +4,7 @@ const MODES_3D = { chase: "Chase", driver: "Driver", mirrors: "Mirrors", four: "
 
 class Space {
   constructor(replay, talk, changed) {
-    Object.assign(this, { replay, talk, changed, isOn: false, mode: "chase", pose: {} });
+    Object.assign(this, { replay, talk, changed, isOn: false, mode: "chase", hasFolded: false, pose: {} });
     this.looks = replay.looks.map(([model, paint, height], i) => (
       { model, paint: i < replay.egos ? fromHex(colourOf(i)) : paint, size: [...replay.sizes[i], height] }
     ));
@@ -14,12 +14,24 @@ class Space {
     new ResizeObserver(() => this.resize()).observe($("space"));
   }
 
-  /** Shows or hides the view; the map stays below it. */
   toggle() {
-    this.isOn = !this.isOn && !this.trouble;
+    this.show3D(!this.isOn, this.mode);
+  }
+
+  /** The next mode; the first key shows the view. */
+  cycleMode() {
+    const modes = Object.keys(MODES_3D);
+    this.show3D(true, this.isOn ? modes[(modes.indexOf(this.mode) + 1) % modes.length] : this.mode);
+  }
+
+  /** Shows or hides the view; the map stays below it. */
+  show3D(isOn, mode) {
+    this.isOn = isOn && !this.trouble;
+    this.mode = mode;
     $("space").hidden = !this.isOn && !this.trouble;
     document.body.classList.toggle("in-3d", this.isOn);
     pressed($("toggle-3d"), this.isOn);
+    setText($("view-mode"), MODES_3D[mode]);
     this.foldLayers();
     if (this.isOn && !this.loading) this.loading = this.load().catch((error) => this.fail(error));
     this.changed();
@@ -28,16 +40,10 @@ class Space {
   /** The open list of layers would cover the view; it opens again with the map. */
   foldLayers() {
     const isOpen = $("layers-fold").getAttribute("aria-expanded") === "true";
-    if (this.isOn ? isOpen : this.foldedLayers && !isOpen) $("layers-fold").click();
-    this.foldedLayers = this.isOn && isOpen;
-  }
-
-  cycleMode() {
-    if (!this.isOn) return this.toggle();
-    const modes = Object.keys(MODES_3D);
-    this.mode = modes[(modes.indexOf(this.mode) + 1) % modes.length];
-    setText($("view-mode"), MODES_3D[this.mode]);
-    this.changed();
+    if (this.isOn === this.hasFolded) return;
+    if (this.isOn ? isOpen : this.isUnfolded) $("layers-fold").click();
+    this.isUnfolded = this.isOn && isOpen;
+    this.hasFolded = this.isOn;
   }
 
   async load() {
@@ -52,12 +58,11 @@ class Space {
   /** Says in one sentence what is missing; the map stays. */
   fail(error) {
     this.trouble = true;
-    this.isOn = true;
     $("no-3d").textContent = error.message;
     $("no-3d").hidden = false;
     $("space").classList.add("without");
     $("toggle-3d").disabled = true;
-    this.toggle();
+    this.show3D(false, this.mode);
   }
 
   resize() {

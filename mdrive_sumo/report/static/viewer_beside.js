@@ -17,6 +17,9 @@ function followPage(viewer) {
     setRate: (rate) => tell("rate", { rate }),
     advance: () => {},
   });
+  const { space } = viewer;
+  const show = space.show3D.bind(space);
+  space.show3D = (isOn, mode) => tell("space", { isOn, mode });
   const place = () => [view.x, view.y, view.scale / devicePixelRatio].join();
   let known = place();
   const fit = viewer.fit.bind(viewer);
@@ -40,6 +43,8 @@ function followPage(viewer) {
       Object.assign(view, { x, y, scale: scale * devicePixelRatio });
       known = place();
     },
+    space: ({ isOn, mode }) => show(isOn, mode),
+    mode: () => space.cycleMode(),
     fit({ bounds }) {
       viewer.bounds = bounds;
       fit();

@@ -109,7 +109,7 @@ def _build_road_users(scene: SensingFrame, origin: Float) -> Instances:
     every["place"] = np.stack((boxes.x, boxes.y, np.zeros(len(boxes))), axis=-1) - origin
     every["turn"] = np.stack(scene.directions, axis=-1)
     every["size"] = np.stack((boxes.length, boxes.width, assume_heights(boxes.kind, boxes.length)), axis=-1)
-    every["paint"][:, :3] = [choose_paint(name) for name in boxes.ids]
+    every["paint"][:, :3] = np.array([choose_paint(name) for name in boxes.ids]).reshape(-1, 3)
     every["tag"] = 1 + np.arange(len(boxes))
     every["lamps"] = [scene.signal_lamps.get(name, 0) for name in boxes.ids]
     return every

@@ -133,3 +133,21 @@ def test_without_webgl_a_sentence_says_so_and_the_map_stays(gl_browser: Any, rep
     tab.keyboard.press("ArrowRight")
     wait_until(tab, "viewer.tick === 1")
     tab.close()
+
+
+@needs_browser
+def test_two_replays_in_step_show_it_together(gl_browser: Any, replay_file: Path, tmp_path: Path) -> None:
+    sides = [InStepSide(name, "", "runs/x", 60.0, replay_file.read_text("utf-8")) for name in "AB"]
+    path = tmp_path / "step.html"
+    path.write_text(render_in_step("crossing-4", "", sides, None, None), encoding="utf-8")
+    for tab in open_quietly(gl_browser, path.as_uri()):
+        wait_until(tab, "player.ready.length === 2")
+        tab.keyboard.press("d")
+        for frame in tab.frames[1:]:
+            wait_until(frame, "viewer.space.drawn !== undefined")
+        tab.keyboard.press("e")
+        for frame in tab.frames[1:]:
+            wait_until(frame, "viewer.space.view.pose.mode === 'driver'")
+        tab.frames[2].locator("#view-mode").click()
+        for frame in tab.frames[1:]:
+            wait_until(frame, "viewer.space.view.pose.mode === 'mirrors'")

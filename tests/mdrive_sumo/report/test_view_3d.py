@@ -3,6 +3,7 @@
 import base64
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,18 @@ import shapely
 from testing.chromium import CHROMIUM
 from testing.viewer_crossing import crossing
 
+from mdrive_sumo.contract import Objects, SemanticClass
 from mdrive_sumo.contract.camera_rigs import build_camera_rig
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.scene_3d import pack_scene
 from mdrive_sumo.report.view_3d_script import build_view_3d_script
+from mdrive_sumo.sensing.camera.camera_model import ImageKind
+from mdrive_sumo.sensing.camera.camera_renderer import Picture, load_renderer
 from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
-from mdrive_sumo.sensing.camera.static_scene import build_scene_meshes
+from mdrive_sumo.sensing.camera.instances import load_instances
+from mdrive_sumo.sensing.camera.lighting import LIGHTS
+from mdrive_sumo.sensing.camera.static_scene import build_scene_meshes, load_static_scene
+from mdrive_sumo.sensing.sensing_frame import SensingFrame
 
 pytestmark = [
     pytest.mark.slow,
@@ -41,7 +49,13 @@ window.count = (wanted) => {
   for (let at = 0; at < pixels.length; at += 4) found += wanted(pixels[at], pixels[at + 1], pixels[at + 2]);
   return found;
 };
-window.pixel = (x, y) => [...pixels.slice(4 * ((view.height - 1 - y) * view.width + x)).slice(0, 3)];
+/** Every fourth pixel of every fourth row of the upper left corner. */
+window.sample = (width, height) => {
+  const found = [];
+  for (let y = 0; y < height; y += 4) for (let x = 0; x < width; x += 4) found.push(...pixel(x, y));
+  return found;
+};
+window.pixel = (x, y) => [...pixels.subarray(4 * ((view.height - 1 - y) * view.width + x)).subarray(0, 3)];
 /** Column and row of the first and behind the last pixel of the colour in a rectangle, and their number. */
 window.find = ([red, green, blue], [left, top, width, height]) => {
   let [x0, y0, x1, y1, count] = [Infinity, Infinity, -Infinity, -Infinity, 0];
@@ -155,6 +169,32 @@ def test_lights_show_the_signal(view: Any) -> None:
     assert min(shown["y"][:2]) > 160 and shown["y"][2] < 90
     assert shown["G"][1] > 190 and shown["G"][0] < 90
     assert max(shown["O"]) < 90, "dark"
+
+
+def test_the_picture_is_like_that_of_the_camera_renderer(view: Any) -> None:
+    """Of each kind of surface the median colour, from the same place; the view's road has a grain of its own."""
+    model = CAMERAS[FRONT]
+    try:
+        draw = load_renderer().draw
+    except InputError as error:
+        pytest.skip(str(error))
+    scene = load_static_scene(crossing())
+    nobody = SensingFrame(0, Objects.empty(), {})
+    x, y, yaw = -40.0, -5.0, 0.35
+    camera_view = model.find_view(x + ORIGIN[0], y + ORIGIN[1], yaw)
+    heading = np.array((math.cos(yaw), math.sin(yaw)))
+    for weather in ("day", "night", "rain"):
+        view.evaluate("(name) => view.setWeather(name)", weather)
+        view.evaluate("view.setSignals({ c: 'OOOOOOOO' })")
+        look(view, x, y, yaw, "four")
+        picture = Picture(model, camera_view, scene, load_instances(nobody, scene), LIGHTS[weather], heading)
+        expected, classes = draw(picture), draw(replace(picture, model=replace(model, kind=ImageKind.SEMANTIC)))
+        shown = np.array(view.evaluate("sample(640, 360)")).reshape(90, 160, 3)
+        for kind in (SemanticClass.ROAD, SemanticClass.BUILDING, SemanticClass.SKY, SemanticClass.TERRAIN):
+            where = classes[::4, ::4] == kind
+            assert where.sum() > 100, kind
+            difference = np.median(shown[where], axis=0) - np.median(expected[::4, ::4][where], axis=0)
+            assert np.abs(difference).max() < 16, (weather, kind, difference)
 
 
 def test_a_house_hides_objects_and_no_overlays(view: Any) -> None:
