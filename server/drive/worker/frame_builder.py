@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mdrive_sumo.contract import Message
+from mdrive_sumo.core.geometry import wrap_angles
 from mdrive_sumo.core.state import Frame, Kind, RoadUsers
 from mdrive_sumo.loop import VEHICLE
 from mdrive_sumo.report.scene_3d import describe_road_user
@@ -126,7 +127,7 @@ def _describe_message(
 def _describe_content(content: Cam | Cpm | Mcm, origin: Origin) -> dict[str, Any]:
     if isinstance(content, Cpm):
         seen = content.objects
-        columns = (seen.x - origin[0], seen.y - origin[1], seen.yaw, seen.length, seen.width, seen.speed)
+        columns = (seen.x - origin[0], seen.y - origin[1], wrap_angles(seen.yaw), seen.length, seen.width, seen.speed)
         return {"objects": np.round(np.stack(columns, axis=1), 2).tolist()}
     if isinstance(content, Mcm):
         line = content.planned

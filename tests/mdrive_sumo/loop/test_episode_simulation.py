@@ -54,6 +54,25 @@ def test_stepping_from_outside_gives_the_digest_of_run_episode() -> None:
     assert {ending.end for ending in record.endings} == {End.ARRIVED}
 
 
+def test_a_caller_sees_what_arrived_how_cavs_ended_and_the_digest_so_far() -> None:
+    simulation = make_simulation(SENSORS)
+    observations = simulation.reset()
+    digests, received, endings = [simulation.digest], 0, []
+    while not simulation.is_done:
+        received += len(simulation.received_messages.get("1", ()))
+        assert {one.sender for one in simulation.received_messages.get("1", ())} <= {"0"}  # not its pseudonym
+        endings.append(dict(simulation.endings))
+        observations = simulation.step({ego: decide(ego, seen) for ego, seen in observations.items()})
+        digests.append(simulation.digest)
+    record = simulation.finish()
+    assert digests[0] == ""
+    assert digests[1:-1] == [bytes(digest).hex() for digest in record.digests[: len(digests) - 2]]
+    assert digests[-1] == simulation.digest == record.digest  # the last step records the last two ticks
+    assert received > 10
+    assert endings[0] == {}
+    assert tuple(simulation.endings.values()) == tuple(sorted(record.endings, key=lambda ending: ending.tick))
+
+
 def test_a_busy_cav_gets_no_observation_and_keeps_its_messages_until_the_next_one() -> None:
     simulation = make_simulation(SENSORS)
     observations = simulation.reset()

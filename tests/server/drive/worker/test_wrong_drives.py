@@ -7,6 +7,7 @@ from testing.drives import DriveSession, make_setup, run_drive
 
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.errors import InputError
+from server.drive.worker.drive_context import load_context
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
@@ -67,13 +68,10 @@ def test_bad_calls_cost_one_sentence_and_the_drive_goes_on(suite: Path, tmp_path
 def test_a_wrong_setup_costs_one_sentence(
     suite: Path, tmp_path: Path, values: dict[str, object], sentence: str
 ) -> None:
-    async def drive(session: DriveSession) -> None:
-        with pytest.raises(InputError) as caught:
-            await session.open(make_setup(tmp_path / "drive", suite, **values))
-        assert sentence in str(caught.value)
-        assert "\n" not in str(caught.value)
-
-    run_drive(drive)
+    with pytest.raises(InputError) as caught:
+        load_context(make_setup(tmp_path / "drive", suite, **values))
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
     assert not (tmp_path / "drive").exists()
 
 
