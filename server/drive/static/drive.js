@@ -25,7 +25,8 @@ class DrivePage {
     this.endings = {};
     this.drivers = {};
     this.number = 0; // of the newest input
-    this.frameTimes = []; // ms between pictures
+    this.pictures = 0; // large ones that were drawn
+    this.frameTimes = []; // ms between them
     this.keyTimes = []; // ms from a key to the picture that shows it
     this.showsV2x = recall("v2x", true);
     this.spectated = 0;
@@ -289,10 +290,15 @@ class DrivePage {
     if (isRunning && this.canDrive) this.advance(began, elapsed);
     const what = this.rewind.isScrubbing ? this.rewind.describe() : this.describe(isRunning);
     if (!what.centre) return;
-    this.picture.draw(what, began);
+    if (this.picture.draw(what, began)) this.notePicture(now);
     this.showInstruments(what);
     this.chat.showHeard(what.overlays.words ?? NOTHING);
     this.inputs.touch.show();
+  }
+
+  /** For measurements: pictures that were drawn, not those that the screen asked for. */
+  notePicture(now) {
+    this.pictures += 1;
     noteTime(this.frameTimes, now - (this.drawnAt ?? now));
     this.drawnAt = now;
     this.noteKey();

@@ -67,14 +67,16 @@ class Picture {
     if (!isTop) this.view3d?.resize(innerWidth, innerHeight);
   }
 
-  /** `what`: {centre, own, users, overlays, signals}, all in the scene's frame. */
+  /** `what`: {centre, own, users, overlays, signals}, all in the scene's frame. Returns whether the large picture is a new one. */
   draw(what, now) {
     const isTop = this.view === "top";
-    if (!isTop && this.view3d?.isReady()) this.draw3D(what); // else pictures queue, and show what is long past
+    const isReady = isTop || Boolean(this.view3d?.isReady()); // else pictures queue, and show what is long past
+    if (!isTop && isReady) this.draw3D(what);
     if (isTop || (this.hasMap && now - this.smallAt > SMALL_EVERY_MS)) {
       this.smallAt = now;
       this.top.draw({ ...what, map: this.map, isSmall: !isTop });
     }
+    return isReady;
   }
 
   draw3D({ centre, own, users, overlays, signals }) {
