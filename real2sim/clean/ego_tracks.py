@@ -10,6 +10,7 @@ from mdrive_sumo.core.state import Kind
 from real2sim.clean.observer_fusion import FusedTrack, fuse_segments
 from real2sim.clean.track_repair import compute_motion_directions
 from real2sim.clean.track_segments import TrackSegments
+from real2sim.percentile import compute_median, compute_percentile
 from real2sim.recording import ObserverView, Recording
 
 EGO_M = 2.2
@@ -59,7 +60,7 @@ def _is_ego(segments: TrackSegments, group: Sequence[int], sight: FusedTrack, po
         return False
     away = np.hypot(sight.x - pose[:, 0], sight.y - pose[:, 1])
     away = away[np.isfinite(away)]
-    return bool(len(away) and np.median(away) < EGO_M and np.percentile(away, 90) < EGO_SPREAD * EGO_M)
+    return bool(len(away)) and compute_median(away) < EGO_M and compute_percentile(away, 90) < EGO_SPREAD * EGO_M
 
 
 def _fuse_own_pose(segments: TrackSegments, members: Sequence[int], view: ObserverView, dt_s: float) -> FusedTrack:

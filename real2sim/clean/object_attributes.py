@@ -7,6 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.state import Kind
 from real2sim.clean.track_segments import TrackSegments
+from real2sim.percentile import compute_median
 from real2sim.recording import DEFAULT_SIZE_M, ObjectCategory
 
 DISAGREE_M = 0.2
@@ -41,7 +42,7 @@ def vote_size(segments: TrackSegments, members: Sequence[int], category: ObjectC
         ("length", "width"), (segments.length, segments.width), DEFAULT_SIZE_M[category], strict=True
     ):
         measured = values[rows][np.isfinite(values[rows])] if rows else np.zeros(0)
-        size.append(float(np.median(measured)) if len(measured) else usual)
+        size.append(compute_median(measured) if len(measured) else usual)
         if len(measured) == 0:
             notes.append(f"{name} {usual:g} m assumed")
         elif category is not ObjectCategory.PEDESTRIAN and np.ptp(measured) > DISAGREE_M:

@@ -9,6 +9,7 @@ from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind
 from real2sim.clean.observer_fusion import MIN_COMMON_FRAMES, FusedTrack, fuse_segments
 from real2sim.clean.track_segments import TrackSegments
+from real2sim.percentile import compute_median
 
 MAX_GAP_S = 2.0
 """[s] Chosen: longer gaps stay open, because their two ends do not tell what happened between them."""
@@ -168,4 +169,4 @@ def _lies_within(sights: Sequence[FusedTrack], a: int, b: int) -> bool:
     if frames[0] < there[0] or frames[-1] > there[-1]:
         return False
     x, y = (np.interp(frames, there, values[there]) for values in (outer.x, outer.y))
-    return bool(np.median(np.hypot(inner.x[frames] - x, inner.y[frames] - y)) < ORPHAN_M)
+    return compute_median(np.hypot(inner.x[frames] - x, inner.y[frames] - y)) < ORPHAN_M

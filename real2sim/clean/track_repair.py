@@ -4,6 +4,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 from real2sim.clean.track_segments import BREAK_M, compute_unexplained_steps
+from real2sim.percentile import compute_median
 from real2sim.tracks.kinematics import find_runs
 
 SPREAD_S = 1.5
@@ -85,7 +86,7 @@ def remove_excursions(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Flo
     """
     if not valid.any():
         return x, y, 0
-    off = np.hypot(x - np.median(x[valid]), y - np.median(y[valid]))
+    off = np.hypot(x - compute_median(x[valid]), y - compute_median(y[valid]))
     out = valid & ~(off <= EXCURSION_M)
     if out.sum() > valid.sum() / 2:
         return x, y, 0

@@ -12,6 +12,7 @@ from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing, Sch
 from real2sim.clean.object_attributes import clamp_size
 from real2sim.fit.route_path import RoutePath, build_route_path, compute_progress, find_straight_continuation
 from real2sim.match import LaneMatch
+from real2sim.percentile import compute_median
 from real2sim.recording import RecordedTrack
 
 SCHEDULE_S = 0.2
@@ -66,7 +67,7 @@ class RoutedTrack:
 
 def median_size(track: RecordedTrack) -> tuple[float, float]:
     """Return length and width [m] of a cleaned track, within the limits of a scenario."""
-    size = float(np.median(track.length[track.valid])), float(np.median(track.width[track.valid]))
+    size = compute_median(track.length[track.valid]), compute_median(track.width[track.valid])
     return clamp_size(*size, track.category.kind)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.scenario.background import CarFollowing
 from real2sim.fit.background_vehicle import RoutedTrack
+from real2sim.percentile import compute_percentile
 from real2sim.tracks.kinematics import compute_derivative
 
 LEADER_RANGE_M = 60.0
@@ -60,7 +61,7 @@ def _estimate_vehicle(traffic: _LaneTraffic, k: int, dt_s: float) -> CarFollowin
     tau = float(np.clip(_low_percentile((gaps[follows] - min_gap) / speed[follows], 1.0), *TAU_S))
     seen = driver.progress[np.isfinite(driver.progress)]
     force = compute_derivative(seen, dt_s, 2)
-    up, down = (float(np.percentile(a, 98)) if len(a) else 0.0 for a in (force, -force))
+    up, down = (compute_percentile(a, 98) if len(a) else 0.0 for a in (force, -force))
     return CarFollowing(
         tau_s=round(tau, 2),
         min_gap_m=round(min_gap, 2),
@@ -88,4 +89,4 @@ def _compute_gaps(traffic: _LaneTraffic, k: int) -> Float:
 
 
 def _low_percentile(values: Float, otherwise: float) -> float:
-    return float(np.percentile(values, GAP_PERCENTILE)) if len(values) else otherwise
+    return compute_percentile(values, GAP_PERCENTILE) if len(values) else otherwise

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict
 from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Kind
+from real2sim.percentile import compute_median, compute_percentile
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
 from real2sim.recording import RecordedTrack
 from real2sim.tracks import kinematics
@@ -133,7 +134,7 @@ def _compute_motion_figures(track: RecordedTrack, dt_s: float) -> dict[str, floa
         "jump_mean": _mean(jump),
         "jump_max": _max(jump),
         "jerk_mean": _mean(jerk),
-        "jerk_p95": float(np.percentile(jerk, 95)) if len(jerk) else 0.0,
+        "jerk_p95": compute_percentile(jerk, 95) if len(jerk) else 0.0,
         "jerk_max": _max(jerk),
         "frames_over_jerk": int((jerk > 5.0).sum()),
         "acceleration_mean": _mean(acceleration),
@@ -162,8 +163,8 @@ def _compute_error_figures(track: RecordedTrack, raw: RecordedTrack) -> dict[str
     turned = kinematics.compute_turn(track.xy[both]) - kinematics.compute_turn(raw.xy[both])
     moving = kinematics.step_lengths(track.xy[both]).sum() > 5.0
     return {
-        "error_median": float(np.median(error)),
-        "error_p95": float(np.percentile(error, 95)),
+        "error_median": compute_median(error),
+        "error_p95": compute_percentile(error, 95),
         "error_max": float(error.max()),
         "lateral_shift_max": float(lateral.max()),
         "dtw_mean": compute_dtw_distance(track.xy[both], raw.xy[both]) / int(both.sum()),
@@ -267,7 +268,7 @@ def find_plausible_speeds(top_speeds: Mapping[str, float], limits: Mapping[str, 
     plausible: dict[str, float] = {}
     for id_ in top_speeds:
         others = [speed for other, speed in top_speeds.items() if other != id_]
-        traffic = float(np.median(others)) if len(others) >= LEAST_OTHERS else 0.0
+        traffic = compute_median(np.array(others)) if len(others) >= LEAST_OTHERS else 0.0
         road = OVER_ROAD * max(limits.get(id_, 0.0), traffic)
         plausible[id_] = min(max(TOWN_MPS, road), HIGHEST_MPS)
     return plausible

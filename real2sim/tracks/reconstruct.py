@@ -15,6 +15,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.core.state import Kind
+from real2sim.percentile import compute_median, compute_percentile
 from real2sim.recording import RecordedTrack
 from real2sim.tracks.bounded_trajectory import TrajectoryBounds, fit_bounded_trajectory
 from real2sim.tracks.kinematics import WINDOW, acceleration_magnitudes, find_runs, jerk_magnitudes
@@ -160,7 +161,7 @@ def _is_near_log(xy: Float, raw: Float) -> bool:
     """Return whether a trajectory is within the fidelity limits of the log; a log that is implausible throughout stays
     rough."""
     off = np.hypot(*(xy - raw).T)
-    return bool(np.median(off) <= ERROR_MEDIAN and np.percentile(off, 95) <= ERROR_P95)
+    return compute_median(off) <= ERROR_MEDIAN and compute_percentile(off, 95) <= ERROR_P95
 
 
 def _is_rough(xy: Float, dt_s: float) -> bool:
@@ -170,7 +171,7 @@ def _is_rough(xy: Float, dt_s: float) -> bool:
         return False
     jerk = jerk_magnitudes(xy, dt_s)
     return bool(
-        np.percentile(jerk, 95) > JERK_P95
+        compute_percentile(jerk, 95) > JERK_P95
         or jerk.max() > JERK_MAX
         or acceleration_magnitudes(xy, dt_s).max() > ACCELERATION_MAX
     )
