@@ -13,13 +13,11 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import yaml
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.input_files import read_text
 from real2sim.readers.input_checks import check_frame_count, describe_value
-from real2sim.readers.numpy_yaml import NumpyLoader
 from real2sim.recording import ObjectCategory
 
 COLUMNS = ("angle", "center", "extent", "location")
@@ -138,6 +136,10 @@ def _parse_regular(text: str) -> V2xpnpFrame | None:
 
 def _parse_yaml(path: Path, text: str, typed: bool = True) -> V2xpnpFrame:
     """Return the frame of any YAML text; raise InputError."""
+    import yaml  # only here, as its loader: most logs do without
+
+    from real2sim.readers.numpy_yaml import NumpyLoader
+
     try:
         _check_depth(path, text)
         raw: Any = yaml.load(text, NumpyLoader)
@@ -197,6 +199,8 @@ def _check_depth(path: Path, text: str) -> None:
     indents = (len(line) - len(line.lstrip(" -?:")) for line in text.splitlines())
     if text.count("[") + text.count("{") + max(indents, default=0) <= SAFE_DEPTH:
         return
+    import yaml
+
     depth = 0
     for event in yaml.parse(text, yaml.CSafeLoader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)

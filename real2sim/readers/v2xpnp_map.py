@@ -36,18 +36,18 @@ ON_CENTRE_M = 0.05
 class PickledFields:
     """An object of the pickle, reduced to its fields."""
 
-    fields: dict[Any, Any]
+    fields: Mapping[Any, Any] = MappingProxyType({})
 
     def __new__(cls, *_: object) -> "PickledFields":
         """Ignore the constructor arguments in the pickle."""
-        bag = super().__new__(cls)
-        bag.fields = {}
-        return bag
+        return super().__new__(cls)
 
     def __setstate__(self, state: object) -> None:
         """Store the fields of a plain or a slotted class."""
-        for part in state if isinstance(state, tuple) else (state,):
-            self.fields.update(part if isinstance(part, dict) else {})
+        if isinstance(state, tuple):
+            state = {name: value for part in state if isinstance(part, dict) for name, value in part.items()}
+        if isinstance(state, dict):
+            self.fields = state
 
 
 def _build_dict(items: Iterable[tuple[Any, Any]] = ()) -> dict[Any, Any]:

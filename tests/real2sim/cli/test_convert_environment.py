@@ -61,7 +61,7 @@ def test_a_missing_package_of_a_worker_names_the_extra(tmp_path: Path, monkeypat
     missing_module(tmp_path / "missing", "yaml")
     frame = tmp_path / "log/1/000000.yaml"
     frame.parent.mkdir(parents=True)
-    frame.write_text("vehicles: [")
+    frame.write_text("vehicles: [\n")
     monkeypatch.syspath_prepend(tmp_path / "missing")  # workers get the path of their parent
     sentence = refused(tmp_path, "v2xpnp", tmp_path / "log", "--map", tmp_path / "map.pkl")
     assert ".[convert]" in sentence
