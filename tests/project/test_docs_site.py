@@ -16,7 +16,7 @@ from testing.paths import ROOT
 import mdrive_sumo as md
 from mdrive_sumo import contract
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 
 PAGES = ("python.md", "install.md", "decisions/007-click-for-the-command-line.md")

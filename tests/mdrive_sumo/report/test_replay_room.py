@@ -17,7 +17,7 @@ from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
 from tests.mdrive_sumo.report.test_replay_page import SETTLED, needs_browser, opened, wait
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 TICKS = 120
 
 

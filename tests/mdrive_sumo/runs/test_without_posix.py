@@ -14,7 +14,7 @@ from testing.short_suite import make_short_suite
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.posix import MissingModule, check_posix, import_posix, is_posix
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 WITHOUT_POSIX = """
 import sys
@@ -70,20 +70,18 @@ def test_an_agent_in_process_drives_with_one_worker(run: Path) -> None:
     assert (run / "results.json").is_file()
 
 
-def test_what_reads_a_run_works(run: Path) -> None:
-    listed = call("list", "runs", run.parent)
-    assert listed.returncode == 0, listed.stderr
-    viewed = call("view", run, "--no-open")
-    assert viewed.returncode == 0, viewed.stderr
-    assert (run / "view" / "index.html").is_file()
-
-
 REFUSED = {
     "workers": ("eval", "--agent", "idm", "--workers", "2"),
     "agent": ("eval", "--agent", "mine.py:Mine"),
     "verify": ("verify", "RUN"),
     "serve": ("serve",),
 }
+WORKING = {
+    "runs": ("list", "runs", "FOLDER"),
+    "view": ("view", "RUN", "--no-open"),
+    "doctor": ("doctor", "--sandbox"),
+}
+COMMANDS = {**REFUSED, **WORKING}
 ALL_IN_ONE = (
     WITHOUT_POSIX
     + """
@@ -92,37 +90,44 @@ from click.testing import CliRunner
 from mdrive_sumo.cli import main
 for words in json.loads(sys.argv[1]):
     told = CliRunner().invoke(main, words)
-    print(json.dumps([told.exit_code, told.stderr, type(told.exception).__name__]))
+    print(json.dumps([told.exit_code, told.stdout, told.stderr, type(told.exception).__name__]))
 """
 )
-Told = tuple[int, str, str]
+Told = tuple[int, str, str, str]
 
 
 @pytest.fixture(scope="module")
 def told(suite: Path, run: Path) -> dict[str, Told]:
-    """Exit code, standard error and exception of each command that is refused, all called in one process."""
+    """Exit code, output, errors and exception of each command, all called in one process."""
     (suite.parent / "mine.py").write_text(AGENT)
-    places = {"mine.py:Mine": str(suite.parent / "mine.py:Mine"), "RUN": str(run)}
+    places = {"mine.py:Mine": str(suite.parent / "mine.py:Mine"), "RUN": str(run), "FOLDER": str(run.parent)}
     more = {"eval": ("--suite", str(suite), "--out", str(suite.parent / "other"))}
-    commands = [[*(places.get(word, word) for word in words), *more.get(words[0], ())] for words in REFUSED.values()]
+    commands = [[*(places.get(word, word) for word in words), *more.get(words[0], ())] for words in COMMANDS.values()]
     done = subprocess.run(
         (sys.executable, "-c", ALL_IN_ONE, json.dumps(commands)), capture_output=True, text=True, timeout=240
     )
     assert done.returncode == 0, done.stderr
-    return dict(zip(REFUSED, map(json.loads, done.stdout.splitlines()), strict=True))
+    return dict(zip(COMMANDS, map(json.loads, done.stdout.splitlines()), strict=True))
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_the_rest_says_what_it_needs_in_one_sentence(name: str, told: dict[str, Told]) -> None:
-    exit_code, errors, exception = told[name]
+    exit_code, _, errors, exception = told[name]
     assert (exit_code, exception) == (2, "SystemExit"), errors
     (line,) = [line for line in errors.splitlines() if NEEDS in line]
     assert line.startswith("Error: ")
 
 
-def test_boxes_are_examined_without_a_traceback() -> None:
-    done = call("doctor", "--sandbox")
-    assert NEEDS in done.stdout and not done.stderr, done.stderr
+def test_what_reads_a_run_works(run: Path, told: dict[str, Told]) -> None:
+    for name in ("runs", "view"):
+        exit_code, _, errors, _ = told[name]
+        assert exit_code == 0, errors
+    assert (run / "view" / "index.html").is_file()
+
+
+def test_boxes_are_examined_without_a_traceback(told: dict[str, Told]) -> None:
+    _, said, errors, _ = told["doctor"]
+    assert NEEDS in said and not errors, errors
 
 
 def test_every_module_of_the_library_is_imported_without_them() -> None:

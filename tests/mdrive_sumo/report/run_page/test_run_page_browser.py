@@ -19,7 +19,7 @@ from mdrive_sumo.report.run_page.run_page_data import build_run_page_data
 from mdrive_sumo.runs.episode_difference import find_parting, find_separation
 from mdrive_sumo.runs.stored_run import load_stored_run
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 SHOWN = "[...document.querySelectorAll('.scenario:not([hidden]) h3')].map((node) => node.textContent)"
 
