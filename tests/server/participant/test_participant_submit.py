@@ -16,6 +16,7 @@ from server.participant import client, follow
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[Fake]:
     monkeypatch.setattr(follow.follow, "__defaults__", (0.0,))
+    monkeypatch.setattr(client, "WAIT_S", 0.01)
     with serving(Fake()) as running:
         yield running
 
