@@ -201,6 +201,7 @@ def test_a_batch_cut_into_windows_keeps_what_can_be_converted(small: tuple[Path,
         ((1.0, 4.0), 2.0, ((1.0, 3.0),)),
     ],
 )
+@pytest.mark.usefixtures("in_process")
 def test_windows(
     small: tuple[Path, Path],
     window: tuple[float, float] | None,
@@ -210,6 +211,7 @@ def test_windows(
     assert split_into_windows(LogSource("v2xpnp", small[0], (small[1],), None, window), every) == found
 
 
+@pytest.mark.usefixtures("in_process")
 def test_windows_outside_of_the_log_are_refused(small: tuple[Path, Path]) -> None:
     with pytest.raises(InputError, match=r"small: expected a window within 0 s to 4 s, found 3 s to 9 s"):
         split_into_windows(LogSource("v2xpnp", small[0], (small[1],), None, (3.0, 9.0)), 1.0)
@@ -229,6 +231,7 @@ def test_a_terminated_conversion_leaves_nothing(tmp_path: Path) -> None:
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+@pytest.mark.usefixtures("in_process")
 def test_every_case_of_an_interaction_table_is_a_scenario(tmp_path: Path) -> None:
     build_street().write(tmp_path / "DR_X.osm")
     rows = [

@@ -83,6 +83,7 @@ def test_large_recordings_are_thinned_further(image: Path, monkeypatch: pytest.M
 
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["ground", "image"])
+@pytest.mark.usefixtures("in_process")
 def test_they_are_converted(layout: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     tracks: Path = request.getfixturevalue(layout)
     done = run("levelx", tracks.parent, "--out", tmp_path / "suite", "--workers", "1")

@@ -69,6 +69,7 @@ def test_frames_that_an_agent_lacks_are_not_observed_by_it(log: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 def test_a_log_and_the_map_of_its_town_become_a_scenario(tmp_path: Path) -> None:
     """The way of users: CARLA's coordinates, and the town as OpenDRIVE map, whose network lies elsewhere."""
     log = write_log(tmp_path / "2021_08_22_21_41_24")
@@ -221,6 +222,7 @@ def test_code_named_in_a_file_is_not_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 def test_a_log_of_v2v4real_becomes_a_scenario(tmp_path: Path) -> None:
     log = write_real_log(tmp_path / "log", frames=31)
     road = tmp_path / "road.xodr"

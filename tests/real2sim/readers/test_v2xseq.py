@@ -62,6 +62,7 @@ def test_of_several_maps_the_one_that_the_tracks_lie_on_is_taken(scene: Scene) -
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 def test_a_scene_is_converted(scene: Scene, tmp_path: Path) -> None:
     done = run("v2xseq", scene[0].parent, "--map", scene[1], "--out", tmp_path / "suite", "--workers", "1")
     assert done.exit_code == 0, done.stderr
