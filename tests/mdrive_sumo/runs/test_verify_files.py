@@ -128,6 +128,7 @@ def substitute(path: Path, change: Callable[[str], str]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 def test_changed_scores_are_named_with_file_and_place(finished: Path, tmp_path: Path) -> None:
     """Four attacks in one folder: DS 99.5 everywhere, a line of the report, a forged journal, a rescored file."""
     run = shutil.copytree(finished, tmp_path / "run")
@@ -165,6 +166,7 @@ def test_a_forgery_that_agrees_with_itself_is_found(finished: Path, tmp_path: Pa
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 def test_the_numbers_of_a_larger_run_are_not_left_out(finished: Path, tmp_path: Path) -> None:
     """A run that lost a scenario, and its means with it."""
     run = shutil.copytree(finished, tmp_path / "run")
