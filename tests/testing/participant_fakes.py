@@ -31,7 +31,7 @@ Refusal = tuple[int, dict[str, Any], dict[str, str]]
 def command_line(monkeypatch: pytest.MonkeyPatch) -> Run:
     """`mdrive-sumo` with these commands plugged in."""
     points = {name: EntryPoint(name, value, cli.PLUG_IN_GROUP) for name, value in COMMANDS.items()}
-    monkeypatch.setattr(cli, "_plug_ins", lambda: points)
+    monkeypatch.setattr(cli, "find_plug_ins", lambda _group: points)
     return lambda *words: CliRunner().invoke(cli.main, [str(word) for word in words])
 
 

@@ -20,7 +20,8 @@ from sqlalchemy import update
 from testing import archive_samples
 from testing.api_app import with_environment
 
-from mdrive_sumo.cli.command_line import _plug_ins, main
+from mdrive_sumo.cli.command_line import PLUG_IN_GROUP, main
+from mdrive_sumo.cli.plug_in_commands import find_plug_ins
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.suite import load_suite
 from server import COMMANDS, environments
@@ -265,7 +266,9 @@ def test_every_command_has_a_line_of_its_own() -> None:
     text = CliRunner().invoke(main, ["--help"]).output
     for name, line in COMMANDS.items():
         assert f"  {name} " in text and line[:30] in text
-    assert {name for name, plug_in in _plug_ins().items() if plug_in.module.startswith("server.")} == set(COMMANDS)
+    assert {
+        name for name, plug_in in find_plug_ins(PLUG_IN_GROUP).items() if plug_in.module.startswith("server.")
+    } == set(COMMANDS)
 
 
 def test_the_loop_is_asyncio_s_for_uvloop_would_not_refuse_connections(
