@@ -14,6 +14,7 @@ gone. Nothing is lost then: `open` with the same folder continues the drive.
 """
 
 import asyncio
+import os
 import pickle
 import socket
 import sys
@@ -23,6 +24,7 @@ from typing import Any
 
 from mdrive_sumo.contract import Control, Reply, ReplyError, check_reply
 from mdrive_sumo.core.errors import InputError, MdriveError
+from mdrive_sumo.core.posix import check_posix
 from server.drive.message_socket import LENGTH, MAX_MESSAGE_BYTES
 from server.drive.protocol import MAX_AGENTS, MAX_WHAT_IF_S
 from server.drive.simulation_values import (
@@ -82,10 +84,12 @@ class SimulationProcess:
         new one begins in tick 0. Raises InputError for an unknown scenario, suite, run, tick, CAV or agent, a folder of
         another drive, or a folder that cannot be written.
         """
+        check_posix("a drive")
         ours, theirs = socket.socketpair()
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # forks copy one thread only
         with theirs:
             self._process = await asyncio.create_subprocess_exec(
-                sys.executable, "-m", WORKER_MODULE, stdin=theirs.fileno(), start_new_session=True
+                sys.executable, "-m", WORKER_MODULE, stdin=theirs.fileno(), env=environment, start_new_session=True
             )
         ours.setblocking(False)
         reader, self._writer = await asyncio.open_connection(sock=ours, limit=2**20)

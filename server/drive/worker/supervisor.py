@@ -6,7 +6,6 @@ this process ends, and with it, by the end of their connections, all others.
 """
 
 import gc
-import os
 import pickle
 import select
 import socket
@@ -15,6 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.runs.process_pool import count_available_cores
 from server.drive.message_socket import MessageSocket
 from server.drive.simulation_values import (
     CallAnswer,
@@ -76,7 +76,7 @@ class DriveSupervisor:
         self._finish_calls: list[int] = []
         self._provenance = Provenance("unknown", 0.0)
         self._last_take = 0
-        self._slots = max(1, len(os.sched_getaffinity(0)) - 1)
+        self._slots = max(1, count_available_cores() - 1)
         """Processes that work in the background at a time: one core is left to the live take."""
         self._what_ifs = WhatIfCalls(self._children, self._slots, lambda order: self._start(order, ChildRole.HELPING))
 
