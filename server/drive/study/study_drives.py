@@ -120,6 +120,10 @@ class HostedDrives:
         session = self._host.find_session(entry.folder)
         if session is None:
             raise InputError("drive: expected one that goes on, found none; continue it first")
+        is_moving = session.frame is not None and session.frame.tick > 0
+        is_continued = any(take.status is not TakeStatus.RUNNING for take in self._list_takes(entry))
+        if not is_moving and not is_continued:  # a take that is left at its start is dropped: nothing would be left
+            raise InputError("drive: expected one that has begun, found one at its start; drive, or close the page")
         try:
             await session.simulation.leave()
         except SimulationEnded as error:

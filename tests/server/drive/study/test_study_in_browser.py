@@ -35,7 +35,7 @@ def served(tmp_path: Path) -> Generator[tuple[Path, str]]:
     """The folder of a study of one drive, and the organiser's link; ended as Ctrl-C does."""
     folder = tmp_path / "study"
     plan = write_plan(tmp_path, participants=1, scenarios=[SECOND], conditions=[{"name": "view"}])
-    words = ["study", "human", "--plan", str(plan), "--out", str(folder), "--no-browser", "--port", "0"]
+    words = ["study", "human", "--plan", str(plan), "--out", str(folder), "--no-open", "--port", "0"]
     pipe = subprocess.PIPE
     process = subprocess.Popen(
         [sys.executable, "-m", "mdrive_sumo", *words], stdout=pipe, stderr=pipe, text=True, cwd=ROOT
