@@ -123,6 +123,7 @@ def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> Non
         port=settings.port,
         loop="asyncio",  # uvloop, which uvicorn takes where it is installed, does not call `LimitedListener.accept`
         http=protocol,
+        ws="none",  # a connection that changes to WebSocket would leave the protocol that counts it
         backlog=ACCEPTED_AT_ONCE,
         timeout_graceful_shutdown=GRACE_S,
         h11_max_incomplete_event_size=HEADER_BYTES,

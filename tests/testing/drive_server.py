@@ -3,10 +3,11 @@
 import asyncio
 import socket
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import uvicorn
@@ -77,8 +78,9 @@ def serve_drive(
     rules: SessionRules | None = None,
     make_simulation: Callable[[], SimulationProcess] = FakeSimulation,
     names: Sequence[str] = (),
+    others: Mapping[str, DriveSetup] = MappingProxyType({}),
 ) -> Generator[DriveServer]:
-    """Serve one drive, by default over a fake simulation."""
+    """Serve one drive, by default over a fake simulation. others: further drives, by name."""
     ready = threading.Event()
     found: dict[str, Any] = {}
 
@@ -87,6 +89,8 @@ def serve_drive(
         with socket.create_server(("127.0.0.1", 0)) as listener:
             try:
                 await host.open_drive("drive", setup or make_setup(folder, people), rules)
+                for name, other in others.items():
+                    await host.open_drive(name, other, rules)
                 server = uvicorn.Server(make_config(create_drive_app(host)))
                 found["server"] = server
                 found["drive"] = DriveServer(asyncio.get_running_loop(), host, listener.getsockname()[1])

@@ -271,16 +271,17 @@ def test_every_command_has_a_line_of_its_own() -> None:
     } == set(COMMANDS)
 
 
-def test_the_loop_is_asyncio_s_for_uvloop_would_not_refuse_connections(
+def test_the_loop_is_asyncio_s_and_no_connection_leaves_the_protocol_that_counts_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """uvloop would not refuse connections, and WebSockets, of which the server has none, would not be counted."""
     loops: list[object] = []
 
     class Stub:
         started = True
 
         def __init__(self, config: uvicorn.Config) -> None:
-            loops.append(config.loop)
+            loops.extend((config.loop, config.ws))
 
         def run(self, sockets: list[socket.socket]) -> None:
             assert [type(one) for one in sockets] == [LimitedListener]
@@ -290,4 +291,4 @@ def test_the_loop_is_asyncio_s_for_uvloop_would_not_refuse_connections(
     monkeypatch.setattr(serve_command, "raise_open_files", lambda connections: connections)
     with socket.create_server(("127.0.0.1", 0)) as listener:
         serve_command._run(FastAPI(), ServerSettings(data=tmp_path), listener)
-    assert loops == ["asyncio"]
+    assert loops == ["asyncio", "none"]
