@@ -1,9 +1,9 @@
 """Key to picture and pictures a second of `mdrive-sumo drive` in Chromium: `python tests/bench/drive_latency.py`.
 
 A scripted driver presses and releases pedals and steering keys while the car drives. A key's time goes from the event's
-own time stamp to the next animation frame after the picture that was drawn with it, so the browser's compositor has
-the picture by then. Rows differ in the added delay of a proxy between browser and server, half of it each way. Without
-a GPU Chromium draws with SwiftShader, on the cores that the simulation needs as well.
+own time stamp until the picture with it is drawn to its end; what browser and screen add to show it is not in it. Rows
+differ in the added delay of a proxy between browser and server, half of it each way. Without a GPU Chromium draws with
+SwiftShader, on the cores that the simulation needs as well.
 """
 
 import asyncio
@@ -29,18 +29,27 @@ from testing.drive_command import KeyDriver, run_drive
 
 MEASURE = """() => {
     window.measured = [];
+    window.begun = [Drive.pictures, performance.now()];
+    const gl = Drive.picture.view === "top" ? undefined : Drive.picture.view3d.renderer.getContext();
+    const finish = (then) => {
+        if (!gl) return requestAnimationFrame(then);
+        const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+        gl.flush();
+        const look = () => (gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.SIGNALED ? then() : setTimeout(look, 1));
+        return setTimeout(look, 0);
+    };
     addEventListener("keydown", (event) => {
         if (event.repeat || Drive.mode !== "driving") return;
         const before = Drive.pictures;
         const look = () => {
             if (Drive.pictures === before) return requestAnimationFrame(look);
-            const shown = () => window.measured.push(performance.now() - event.timeStamp);
-            return requestAnimationFrame(shown);
+            return finish(() => window.measured.push(performance.now() - event.timeStamp));
         };
         requestAnimationFrame(look);
     }, true);
 }"""
-"""The page reads the keys, then draws: one more large picture means that it was drawn after the key."""
+"""The page reads the keys, then draws: one more large picture means that it was drawn after the key. A fence tells when
+the graphics driver has drawn it to its end; the page itself draws the top view, until the next animation frame."""
 VIEWS = {"driver": "1", "top": "4"}
 """Keys that choose a view."""
 KEYS = ("w", "a", "s", "d")
@@ -107,7 +116,6 @@ def measure(browser: Any, link: str, delay_ms: float, presses: int, view: str) -
         wait_until(page, "document.body.dataset.mode === 'driving'", 60)
         page.keyboard.press(VIEWS[view])
         page.evaluate(MEASURE)
-        page.evaluate("Drive.frameTimes.length = 0")
         for i in range(presses):
             if driver.mode != "driving":
                 break
@@ -115,13 +123,15 @@ def measure(browser: Any, link: str, delay_ms: float, presses: int, view: str) -
             page.wait_for_timeout(PRESS_MS)
             page.keyboard.up(KEYS[i % len(KEYS)])
             page.wait_for_timeout(REST_MS)
-        times, frames = page.evaluate("[window.measured, Drive.frameTimes]")
-        facts = page.evaluate("[document.body.dataset.tick, Drive.connection.latency]")
+        rate = page.evaluate("1000 * (Drive.pictures - begun[0]) / (performance.now() - begun[1])")
+        times = page.evaluate("measured")
+        facts = page.evaluate(
+            "[document.body.dataset.tick, Drive.picture.view3d?.rendererName ?? 'no WebGL', Drive.connection.latency]"
+        )
         page.close()
-    rate = 1000 / statistics.mean(frames)
     click.echo(
         f"{view:6} view, added {delay_ms:3.0f} ms: key to picture {describe(times)} ({len(times)} keys),"
-        f" {rate:5.1f} pictures/s, tick {facts[0]}, to the server and back {facts[1]:.1f} ms"
+        f" {rate:5.1f} pictures/s, tick {facts[0]}, to the server and back {facts[2]:.1f} ms; {facts[1]}"
     )
 
 

@@ -263,12 +263,18 @@ def test_phases_are_not_applied_unless_named(tmp_path: Path, monkeypatch: pytest
 
 
 def test_every_command_has_a_line_of_its_own() -> None:
-    text = CliRunner().invoke(main, ["--help"]).output
+    groups = {"": PLUG_IN_GROUP, "study": f"{PLUG_IN_GROUP.rpartition('.')[0]}.study_commands"}
+    told = {group: CliRunner().invoke(main, [*group.split(), "--help"]).output for group in groups}
     for name, line in COMMANDS.items():
-        assert f"  {name} " in text and line[:30] in text
-    assert {
-        name for name, plug_in in find_plug_ins(PLUG_IN_GROUP).items() if plug_in.module.startswith("server.")
-    } == set(COMMANDS)
+        group, _, word = name.rpartition(" ")
+        assert f"  {word} " in told[group] and line[:30] in told[group], name
+    found = {
+        f"{group} {name}".strip()
+        for group, entry_points in groups.items()
+        for name, plug_in in find_plug_ins(entry_points).items()
+        if plug_in.module.startswith("server.")
+    }
+    assert found == {*COMMANDS}
 
 
 def test_the_loop_is_asyncio_s_and_no_connection_leaves_the_protocol_that_counts_it(
