@@ -10,17 +10,14 @@ from typing import Any
 from mdrive_sumo.agents.registry import AGENTS, ASKING_AGENTS, HUMAN_AGENTS
 from mdrive_sumo.contract import STANDSTILL, Agent, Briefing, Message, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Choice, Config, Option, read_choice, read_options
+from mdrive_sumo.contract.human_options import DEVICES, HUMAN, HUMAN_REPLAY, SUBSTITUTES_OPTION, TAKE_OPTION
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.planning.driving_options import DrivingOptions
 from mdrive_sumo.v2x.awareness_service import AwarenessService
 
-HUMAN_REPLAY, TAKE_OPTION = "human-replay", "take"
-"""The agent that repeats a take, and its option: the run folder of the take."""
-SUBSTITUTES_OPTION = "substitutes"
 V2X = Choice("sharing", ("sharing", "off"))
 """What the car sends by itself: CAMs and CPMs as `sharing` does, or nothing."""
-DEVICES = ("unknown", "keyboard", "gamepad", "wheel", "touch", "script")
 DEVICE = Choice(DEVICES[0], DEVICES)
 LATENCY_MS = Option(0, 0, 60_000)
 """[ms] Median time from an input to the tick that uses it, as measured."""
@@ -35,7 +32,7 @@ class HumanAgent:
     provenance, `device` and `latency_ms`.
     """
 
-    name = "human"
+    name = HUMAN
     more_choices: Mapping[str, Choice] = {}
     """Options that a class adds."""
 
@@ -74,7 +71,7 @@ class HumanAgent:
     def make_substitute(self, name: str, config: Config) -> Agent:
         """Return an agent that drives the car from now on. Raises InputError unless it may, with these options."""
         if name not in self.substitutes:
-            known = ", ".join(("human", *self.substitutes))
+            known = ", ".join((HUMAN, *self.substitutes))
             raise InputError(
                 f"agent {self.name}: expected a driver among {known} (option {SUBSTITUTES_OPTION}), found {name!r:.60}"
             )

@@ -15,6 +15,7 @@ from mdrive_sumo.agents.learned.ego_frame import convert_to_frame
 from mdrive_sumo.agents.learned.navigation import RouteNavigator
 from mdrive_sumo.agents.learned.system_spec import DECISION_TICKS
 from mdrive_sumo.contract import Control, Observation, OwnState
+from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
@@ -43,7 +44,6 @@ from mdrive_sumo.learning.sample_format import (
     format_key,
 )
 from mdrive_sumo.learning.scene_labels import LATER_TICKS, Labels, SceneLabels
-from mdrive_sumo.loop.human_actions import HUMAN
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.episode_job import load_job_scenario
 from mdrive_sumo.runs.recording_check import load_recording

@@ -10,15 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
-from mdrive_sumo.agents.human import DEVICES
 from mdrive_sumo.contract import CONTROL_STEP, DRIVER, REMARK, Control, Message, Note
+from mdrive_sumo.contract.human_options import DEVICES, HUMAN
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT, FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.v2x.messages import MAX_TEXT_BYTES
 
-HUMAN = "human"
-"""Driver: a person."""
 RECORDING = "recording"
 """Driver: what a recording holds, tick by tick; the begin of a take that enters a run whose agent is not built in."""
 MAX_TEXTS = 8

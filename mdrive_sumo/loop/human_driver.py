@@ -2,14 +2,18 @@
 
 import time
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from mdrive_sumo.agents.human import HumanAgent
 from mdrive_sumo.contract import DRIVER, REMARK, Agent, Briefing, Control, Message, Note, Observation, Reply, SensorSpec
+from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver, validate_reply
-from mdrive_sumo.loop.human_actions import HUMAN, RECORDING, Action, ActionSource, DriverChoice, is_remark
+from mdrive_sumo.loop.human_actions import RECORDING, Action, ActionSource, DriverChoice, is_remark
 from mdrive_sumo.v2x.messages import CAM, TEXT, encode
+
+if TYPE_CHECKING:  # it imports planning, which no other run needs
+    from mdrive_sumo.agents.human import HumanAgent
 
 ROLLING = Control(throttle=0.0, brake=0.0, steer=0.0)
 """What a car does that a person has just taken over without touching anything."""
@@ -26,7 +30,7 @@ class HumanDriver:
     """
 
     def __init__(
-        self, ego: str, actions: ActionSource | None, agent: HumanAgent, watching: tuple[SensorSpec, ...] = ()
+        self, ego: str, actions: ActionSource | None, agent: "HumanAgent", watching: tuple[SensorSpec, ...] = ()
     ) -> None:
         """agent: what is on board. actions: None: no driver, which is enough to declare sensors.
 

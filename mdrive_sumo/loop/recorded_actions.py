@@ -4,11 +4,12 @@ from collections import defaultdict
 from itertools import pairwise
 
 from mdrive_sumo.contract import DRIVER, Control, Message, Note
+from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT, FailureReason
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop.agent_driver import AgentFailure
-from mdrive_sumo.loop.human_actions import HUMAN, RECORDING, Action, DriverChoice, is_remark, make_control
+from mdrive_sumo.loop.human_actions import RECORDING, Action, DriverChoice, is_remark, make_control
 from mdrive_sumo.v2x.messages import TEXT, MessageError, decode
 
 

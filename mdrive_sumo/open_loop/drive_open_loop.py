@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mdrive_sumo.contract import Control, Reply, SensingTrack
+from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
@@ -15,7 +16,6 @@ from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
 from mdrive_sumo.loop import EpisodeConfig, start_agents
 from mdrive_sumo.loop.agent_driver import AgentDriver
 from mdrive_sumo.loop.agent_scheduler import AgentScheduler
-from mdrive_sumo.loop.human_actions import HUMAN
 from mdrive_sumo.loop.recorded_actions import RecordedActions
 from mdrive_sumo.open_loop.detection_precision import DetectionCounts, match_frame
 from mdrive_sumo.open_loop.plan_errors import HORIZON_TICKS, PlanErrors, compute_plan_errors

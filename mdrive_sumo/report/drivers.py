@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.contract import DRIVER
+from mdrive_sumo.contract.human_options import HUMAN, HUMAN_REPLAY
 from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import EpisodeRecord, NoteRecord
-from mdrive_sumo.loop.human_actions import HUMAN, RECORDING, DriverChoice
+from mdrive_sumo.loop.human_actions import RECORDING, DriverChoice
 
-TAKES = (HUMAN, "human-replay")
+TAKES = (HUMAN, HUMAN_REPLAY)
 """Agents of recordings whose driver notes count: any other agent may write what it likes."""
 
 

@@ -19,9 +19,9 @@ from mdrive_sumo.agent_process.agent_lookup import (
     split_locator,
 )
 from mdrive_sumo.agent_process.child_process import AgentBox
-from mdrive_sumo.agents.human import HUMAN_REPLAY, TAKE_OPTION
 from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import Agent
+from mdrive_sumo.contract.human_options import HUMAN_REPLAY, TAKE_OPTION
 from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.plug_ins import PlugIn, PlugInKind, list_plug_ins

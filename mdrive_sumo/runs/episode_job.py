@@ -10,6 +10,7 @@ from pathlib import Path
 
 from mdrive_sumo.agent_process.agent_connection import ConnectionGroup
 from mdrive_sumo.agent_process.sandbox import BoxKilledError
+from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.core.state import End
@@ -18,7 +19,7 @@ from mdrive_sumo.episode.camera_archive import CameraArchiveWriter
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver
-from mdrive_sumo.loop.human_actions import HUMAN, ActionSource
+from mdrive_sumo.loop.human_actions import ActionSource
 from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.loop.recorded_actions import RecordedActions
 from mdrive_sumo.roads import RoadMap

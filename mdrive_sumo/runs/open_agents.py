@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
-from typing import cast
+from typing import Any, cast
 
 from mdrive_sumo.agent_process.agent_connection import AgentConnection, ConnectionGroup
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, is_joint_locator, split_locator
@@ -16,7 +16,6 @@ from mdrive_sumo.agent_process.joint_agent import JointAgentSession
 from mdrive_sumo.agent_process.remote_driver import RemoteDriver, open_agent_connection
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import BoxKilledError
-from mdrive_sumo.agents.human import HumanAgent
 from mdrive_sumo.agents.registry import AGENTS, HUMAN_AGENTS
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
@@ -164,7 +163,7 @@ def open_human_driver(
 
     spec: `human` or `human-replay`. watching: sensors besides those that drivers need.
     """
-    return HumanDriver(ego, actions, cast(HumanAgent, HUMAN_AGENTS[str(spec.agent)](spec.config)), watching)
+    return HumanDriver(ego, actions, cast(Any, HUMAN_AGENTS[str(spec.agent)](spec.config)), watching)
 
 
 def _rename(log: Path | None, name: Path | None) -> None:

@@ -8,6 +8,7 @@ from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import is_joint_locator
 from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder, remove_parts
@@ -15,7 +16,6 @@ from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug
 from mdrive_sumo.core.private_paths import hide_command, hide_locator
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
-from mdrive_sumo.loop.human_actions import HUMAN
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
 from mdrive_sumo.runs.agent_spec import AgentSpec

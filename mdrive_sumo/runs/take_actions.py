@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.agents.human import HUMAN_REPLAY, SUBSTITUTES_OPTION, TAKE_OPTION
+from mdrive_sumo.contract.human_options import HUMAN, HUMAN_REPLAY, SUBSTITUTES_OPTION, TAKE_OPTION
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.loop.human_actions import HUMAN, ActionSource
+from mdrive_sumo.loop.human_actions import ActionSource
 from mdrive_sumo.loop.recorded_actions import RecordedActions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint

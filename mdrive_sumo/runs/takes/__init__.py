@@ -3,8 +3,8 @@
 The driver of each CAV, and what people do, is in the recording (`loop.human_actions`): `verify` can drive a take again.
 """
 
+from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.loop.human_actions import (
-    HUMAN,
     RECORDING,
     Action,
     ActionSource,

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.contract import Briefing, SensorSpec
+from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import run_episode
 from mdrive_sumo.loop.episode_runner import ObservationWatcher
-from mdrive_sumo.loop.human_actions import HUMAN
 from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.loop.recorded_actions import RecordedActions
 from mdrive_sumo.runs.agent_spec import AgentSpec

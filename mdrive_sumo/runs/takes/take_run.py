@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
+from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import EpisodeRecord, save_episode
-from mdrive_sumo.loop.human_actions import HUMAN
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import score_job_episode
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, report_write_errors

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdrive_sumo.agents.human import DEVICES
 from mdrive_sumo.contract import DRIVER, Control, Note
+from mdrive_sumo.contract.human_options import DEVICES, HUMAN
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.loop.human_actions import HUMAN, LIMITS, RECORDING, Action, DriverChoice, make_control
+from mdrive_sumo.loop.human_actions import LIMITS, RECORDING, Action, DriverChoice, make_control
 
 values = st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.text(max_size=9), st.booleans())
 choices = st.one_of(
