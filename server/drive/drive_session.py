@@ -66,6 +66,8 @@ class DriveSession:
         """Whether the simulation is gone."""
         self._clock = clock
         self._driver_by_cav = {cav: HUMAN if cav in self.people.seats else "" for cav in simulation.facts.cavs}
+        self._ended: set[str] = set()
+        """CAVs whose drive has ended in the take that goes on: that of the last frame, until another one begins."""
         self._connections: list[BrowserConnection] = []
         self._is_running = False
         self._is_finished = False
@@ -102,6 +104,7 @@ class DriveSession:
         elif isinstance(event, TakeStarted):
             self._driver_by_cav.update(event.drivers)
             self._is_finished = self._is_running = False
+            self._ended.clear()
             self._put_tree()
         elif isinstance(event, HandedOver):
             self._driver_by_cav[event.cav] = event.driver
@@ -115,6 +118,7 @@ class DriveSession:
     def _receive_frame(self, frame: DriveFrame) -> None:
         self.frame = frame
         self._driver_by_cav.update(frame.extra.get("drivers", {}))
+        self._ended.update(frame.extra.get("endings", {}))
         if frame.state == FrameState.FINISHED and not self._is_finished:
             self._is_finished, self._is_running = True, False
             self.people.forget_readiness()
@@ -214,8 +218,7 @@ class DriveSession:
         async with self._lock:
             for cav in self.people.end_patience():
                 self._notify(f"{cav}: its driver has not come back; another driver can hand it over to an agent")
-            ended = self.simulation.known_extra.get("endings", ())  # who has arrived may leave: the others drive on
-            awaited = [cav for cav in self.people.list_awaited(self._driver_by_cav) if cav not in ended]
+            awaited = [cav for cav in self.people.list_awaited(self._driver_by_cav) if cav not in self._ended]
             should_run = not awaited and not self._is_finished and self.frame is not None
             if should_run != self._is_running and not self.has_ended:
                 await self._set_clock(should_run)
@@ -329,6 +332,7 @@ class DriveSession:
             await self.simulation.branch(request.take, request.tick)
             self.people.forget_readiness()
             self._is_running = False
+            self._ended.clear()  # the frames of the branch are still on their way
         place = f"{request.tick * DT:.1f} s of take {request.take}"
         self._notify(f"{connection.cav}: its driver went back to {place}", connection)
         await self.update_clock()

@@ -8,7 +8,7 @@ from testing.drive_bench import Bench, drain, drive, problems, settle
 from mdrive_sumo.core.errors import InputError
 from server.drive import drive_people
 from server.drive.browser_connection import Closing
-from server.drive.protocol import WireFrame
+from server.drive.protocol import FrameState, WireFrame
 
 
 def test_a_driver_is_welcomed_and_starts_the_clock(tmp_path: Path) -> None:
@@ -67,6 +67,31 @@ def test_a_driver_whose_cav_has_ended_may_leave(tmp_path: Path) -> None:
         assert bench.clock_calls == ["resume", "pause"]
 
     drive(test, tmp_path, ("ego_0", "ego_1"))
+
+
+def test_who_had_arrived_before_going_back_is_waited_for(tmp_path: Path) -> None:
+    """Also while the first frame of the branch is on its way."""
+
+    async def test(bench: Bench) -> None:
+        driver = await bench.join("ego_0")
+        await bench.ask(driver, do="resume")
+        bench.simulation.step(endings={"ego_0": "arrived"})
+        await settle()
+        bench.simulation.emit_frame(FrameState.FINISHED)
+        await settle()
+        emit, late = bench.simulation.emit, []
+        bench.simulation.emit = lambda *events: late.extend(events)
+        await bench.ask(driver, do="rewind", take=1, tick=0)
+        await bench.wait(1.0, driver)
+        bench.simulation.emit = emit
+        emit(*late)
+        await settle()
+        await bench.wait(1.0, driver)
+        assert bench.clock_calls == ["resume"]
+        await bench.ask(driver, do="resume")
+        assert bench.clock_calls == ["resume", "resume"]
+
+    drive(test, tmp_path, ("ego_0",))
 
 
 def test_a_lost_driver_pauses_and_goes_on_within_a_minute(tmp_path: Path) -> None:
