@@ -82,11 +82,11 @@ def test_who_had_arrived_before_going_back_is_waited_for(tmp_path: Path) -> None
         emit, late = bench.simulation.emit, []
         bench.simulation.emit = lambda *events: late.extend(events)
         await bench.ask(driver, do="rewind", take=1, tick=0)
-        await bench.wait(1.0, driver)
         bench.simulation.emit = emit
-        emit(*late)
-        await settle()
-        await bench.wait(1.0, driver)
+        for event in late:
+            emit(event)
+            await settle()
+            await bench.wait(1.0, driver)
         assert bench.clock_calls == ["resume"]
         await bench.ask(driver, do="resume")
         assert bench.clock_calls == ["resume", "resume"]
