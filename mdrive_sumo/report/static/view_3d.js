@@ -11,12 +11,12 @@
 // Of overlays, a name that is left out stays as it is, an empty list takes it away; colours are "#rrggbb".
 // Coordinates are metres relative to the scene's origin, z up. Nothing is drawn before `draw`.
 
+// ratio, least: pixels by those of the style sheet, each way; slow, fast: ms until a picture is done, from which on fewer
+// pixels are drawn, and up to which more; farShare: of the distance from which cameras draw wheels with fewer corners.
 const QUALITIES = {
-  high: { antialias: true, ratio: 2, least: 2, farShare: 1 },
-  low: { antialias: false, ratio: 0.8, least: 0.5, farShare: 0.2 }, // 1024 of 1280 px or fewer, simple wheels from 17 m on
+  high: { antialias: true, ratio: 2, least: 0.75, slow: 40, fast: 0, farShare: 1 },
+  low: { antialias: false, ratio: 0.8, least: 0.5, slow: 44, fast: 24, farShare: 0.2 }, // 20 pictures a second: 50 ms for all
 };
-const SLOW_MS = 44; // until a picture is done: 20 frames a second leave 50 ms for it and all else
-const FAST_MS = 24;
 const RATIO_STEP = 0.85;
 const LEAST_WATCH_MS = 40; // two pictures of a display
 const JUDGED = 8; // pictures that are measured before the number of pixels changes
@@ -36,7 +36,7 @@ class View3D {
     this.rendererName = findRenderer();
     this.qualityName = quality ?? (SOFTWARE.test(this.rendererName) ? "low" : "high");
     this.quality = QUALITIES[this.qualityName];
-    this.ratio = this.quality.ratio;
+    this.ratio = this.findMostRatio();
     this.times = [];
     this.renderer = makeRenderer(canvas, this.quality);
     this.renderer.autoClear = false;
@@ -109,7 +109,7 @@ class View3D {
   /** Size of the canvas [px of the style sheet]. */
   resize(width, height) {
     this.cssSize = [width, height];
-    this.renderer.setPixelRatio(Math.min(globalThis.devicePixelRatio || 1, this.ratio));
+    this.renderer.setPixelRatio(Math.min(this.ratio, this.findMostRatio()));
     this.renderer.setSize(Math.max(width, 1), Math.max(height, 1), false);
     this.width = this.renderer.domElement.width;
     this.height = this.renderer.domElement.height;
@@ -145,15 +145,19 @@ class View3D {
     return true;
   }
 
-  /** Of quality "low": fewer pixels while pictures take too long, more again when there is time. */
+  findMostRatio() {
+    return Math.min(globalThis.devicePixelRatio || 1, this.quality.ratio);
+  }
+
+  /** Fewer pixels while pictures take too long, of quality "low" more again when there is time. */
   judge(ms) {
-    const { ratio, least } = this.quality;
+    const { least, slow, fast } = this.quality;
     this.times.push(ms);
     if (this.times.length < JUDGED) return;
     const median = this.times.sort((a, b) => a - b)[JUDGED >> 1];
     this.times = [];
-    const wanted = median > SLOW_MS ? this.ratio * RATIO_STEP : median < FAST_MS ? this.ratio / RATIO_STEP : this.ratio;
-    const next = Math.min(Math.max(wanted, least), ratio);
+    const wanted = median > slow ? this.ratio * RATIO_STEP : median < fast ? this.ratio / RATIO_STEP : this.ratio;
+    const next = Math.min(Math.max(wanted, least), this.findMostRatio());
     if (next === this.ratio) return;
     this.ratio = next;
     this.resize(...this.cssSize);

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from testing.chromium import CHROMIUM
+from testing.chromium import CHROMIUM, wait_until
 from testing.viewer_crossing import crossing
 
 from mdrive_sumo.contract import Objects, SemanticClass
@@ -307,3 +307,22 @@ def test_a_browser_without_webgl_says_so(page: Any) -> None:
         try { new View3D(canvas, scene, { quality: "low" }); return ""; } catch (error) { return error.message; }
     }""")
     assert message.startswith("This browser has no WebGL 2")
+
+
+def test_a_slow_machine_draws_fewer_pixels(view: Any) -> None:
+    widths = view.evaluate("""() => {
+        const found = [view.width];
+        for (let i = 0; i < 8; i++) view.judge(60);
+        found.push(view.width);
+        for (let i = 0; i < 80; i++) view.judge(60);
+        found.push(view.width);
+        view.ratio = 1;
+        view.resize(1280, 720);
+        return [...found, view.width];
+    }""")
+    assert widths == [1280, 1088, 960, 1280]
+
+
+def test_a_picture_is_ready_once_it_is_drawn(view: Any) -> None:
+    look(view, -60.0, 0.0, 0.0, "driver")
+    wait_until(view, "view.isReady()")
