@@ -124,7 +124,9 @@ class Space {
   listOverlays({ selected, on, time }) {
     const tick = Math.floor(time);
     const { replay, talk } = this;
-    const intentions = on.has("intentions") ? replay.ids.slice(0, replay.egos).flatMap((_, ego) => this.listIntention(ego, tick)) : [];
+    const isInside = this.mode === "driver" || this.mode === "mirrors"; // the own ribbon would lie on the own bonnet
+    const tellers = on.has("intentions") ? [...Array(replay.egos).keys()].filter((ego) => !isInside || ego !== selected) : [];
+    const intentions = tellers.flatMap((ego) => this.listIntention(ego, tick));
     const shared = on.has("shared") ? talk.received(selected, tick).flatMap((message) => this.listShared(message)) : [];
     return { route: this.routes[selected], intentions, shared };
   }
