@@ -28,6 +28,27 @@ from server.drive.simulation_values import CallAnswer
 from server.drive.worker.drive_context import DriveContext
 from server.drive.worker.frame_builder import FrameBuilder, Origin
 
+MAX_CACHED_BYTES = 2**26
+"""64 MB: the motions of 40 takes of a minute with 90 road users."""
+
+
+class MotionCache:
+    """The motions of the takes that were finished last: to build one from a recording of a minute takes a second."""
+
+    def __init__(self, limit_bytes: int = MAX_CACHED_BYTES) -> None:
+        self._limit = limit_bytes
+        self._motions: dict[int, bytes] = {}
+
+    def add(self, take: int, motion: bytes) -> None:
+        """Keep a motion; drop the oldest ones if there are too many bytes."""
+        self._motions[take] = motion
+        while sum(map(len, self._motions.values())) > self._limit:
+            del self._motions[next(iter(self._motions))]
+
+    def find(self, take: int) -> bytes | None:
+        """Return a motion, None if it is not kept."""
+        return self._motions.get(take)
+
 
 def pack_motion(take: int, frames: FrameBuilder, cavs: Sequence[str]) -> bytes:
     """Return the motion of all ticks that were added."""

@@ -132,6 +132,8 @@ class TakeFinished:
     score: float
     ds: Mapping[str, float]
     left_tick: int | None
+    motion: bytes
+    """See `motion.pack_motion`."""
 
 
 @dataclass(frozen=True, slots=True)

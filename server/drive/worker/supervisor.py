@@ -36,7 +36,7 @@ from server.drive.worker.drive_folder import (
     open_tree,
     restore_setup,
 )
-from server.drive.worker.motion import make_motion_sender
+from server.drive.worker.motion import MotionCache, make_motion_sender
 from server.drive.worker.orders import (
     CheckpointMade,
     FinishOrder,
@@ -76,6 +76,7 @@ class DriveSupervisor:
         self._finish_calls: list[int] = []
         self._provenance = Provenance("unknown", 0.0)
         self._last_take = 0
+        self._motions = MotionCache()
         self._slots = max(1, count_available_cores() - 1)
         """Processes that work in the background at a time: one core is left to the live take."""
         self._what_ifs = WhatIfCalls(self._children, self._slots, lambda order: self._start(order, ChildRole.HELPING))
@@ -173,9 +174,11 @@ class DriveSupervisor:
         if (child := next(found, None)) is not None:
             child.calls[number] = "load_motion"
             child.tell(DriveCall(number, "load_motion"))
-            return
-        send_motion = make_motion_sender(self.context, self.tree.find_folder(take), take, number)
-        self._children.start_helper(send_motion, number)
+        elif (motion := self._motions.find(take)) is not None:
+            self._answer(number, motion)
+        else:
+            send_motion = make_motion_sender(self.context, self.tree.find_folder(take), take, number)
+            self._children.start_helper(send_motion, number)
 
     def _call_what_if(
         self, number: int, take: int, tick: int, agents: tuple[str, ...], seconds: float, cavs: tuple[str, ...]
@@ -354,6 +357,7 @@ class DriveSupervisor:
         if child is self._live:
             self._live = None
         child.role = ChildRole.HELPING  # it has nothing more to do than to end
+        self._motions.add(message.take, message.motion)
         self.stored.change(
             message.take,
             status=TakeStatus.FINISHED,

@@ -263,8 +263,9 @@ class TakeProcess:
                 self._wait_for_room(str(error))
         take.close()
         ds = {ego.id: ego.ds for ego in result.egos}
-        last = record.ticks - 1
-        self._connection.send(TakeFinished(self._order.header.take, last, result.ds, ds, take.left_tick))
+        number, last = self._order.header.take, record.ticks - 1
+        motion = pack_motion(number, self.simulation.frames, self._context.cavs)
+        self._connection.send(TakeFinished(number, last, result.ds, ds, take.left_tick, motion))
 
     def _wait_for_room(self, text: str) -> None:
         """Say once that a file cannot be written, and wait."""

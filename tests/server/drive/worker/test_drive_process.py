@@ -101,24 +101,36 @@ def test_frames_tell_what_a_page_needs(suite: Path, tmp_path: Path) -> None:
     run_drive(drive)
 
 
+def check_motion(motion: bytes, frames: dict[int, bytes]) -> None:
+    """frames: rows by tick, as a page got them."""
+    length = int.from_bytes(motion[:4], "little")
+    header = json.loads(motion[4 : 4 + length])
+    begins = np.frombuffer(motion, "<u4", header["ticks"] + 1, 4 + length)
+    rows = np.frombuffer(motion, ROW, begins[-1], 4 + length + begins.nbytes)
+    assert header["ticks"] == len(frames)
+    for tick, (begin, end) in enumerate(pairwise(begins.tolist())):
+        live = np.frombuffer(frames[tick], ROW)
+        for name in ("x", "y", "yaw", "speed", "lamps", "flags"):
+            assert (rows[begin:end][name] == live[name]).all()
+
+
 def test_the_motion_of_a_finished_take_is_that_of_its_frames(suite: Path, tmp_path: Path) -> None:
+    """Also when the drive is opened again, and the recording is all that there is."""
+    frames: dict[int, bytes] = {}
+
     async def drive(session: DriveSession) -> None:
         await session.open(make_setup(tmp_path / "drive", suite))
         await session.drive_to(10_000)
         await session.wait_until_ended(1)
-        motion = await session.process.load_motion(1)
-        length = int.from_bytes(motion[:4], "little")
-        header = json.loads(motion[4 : 4 + length])
-        begins = np.frombuffer(motion, "<u4", header["ticks"] + 1, 4 + length)
-        rows = np.frombuffer(motion, ROW, begins[-1], 4 + length + begins.nbytes)
-        frames = {frame.tick: frame.rows for frame in session.frames}
-        assert header["ticks"] == len(frames)
-        for tick, (begin, end) in enumerate(pairwise(begins.tolist())):
-            live = np.frombuffer(frames[tick], ROW)
-            assert (rows[begin:end]["x"] == live["x"]).all()
-            assert (rows[begin:end]["lamps"] == live["lamps"]).all()
+        frames.update({frame.tick: frame.rows for frame in session.frames})
+        check_motion(await session.process.load_motion(1), frames)
+
+    async def load_again(session: DriveSession) -> None:
+        await session.open(make_setup(tmp_path / "drive", suite))
+        check_motion(await session.process.load_motion(1), frames)
 
     run_drive(drive)
+    run_drive(load_again)
 
 
 def test_what_an_agent_would_have_done_changes_no_take(suite: Path, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from mdrive_sumo.core.state import Actors, EgoState, Frame, Kind
 from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, ReferencePose, encode, format_track_name
 from server.drive.protocol import ROW
 from server.drive.worker.frame_builder import FrameBuilder, describe_messages
+from server.drive.worker.motion import MotionCache
 
 ORIGIN = (10.0, -5.0)
 
@@ -53,6 +54,15 @@ def test_signals_are_kept_when_they_change() -> None:
     for tick, letters in enumerate(({"j": "r"}, {"j": "r"}, {"j": "G", "k": "y"})):
         frames.add(make_frame(tick, signals=letters))
     assert frames.signals == [(0, "j", "r"), (2, "j", "G"), (2, "k", "y")]
+
+
+def test_the_oldest_motions_are_dropped() -> None:
+    cache = MotionCache(limit_bytes=10)
+    for take in (1, 2, 3):
+        cache.add(take, b"1234")
+    assert [cache.find(take) for take in (1, 2, 3)] == [None, b"1234", b"1234"]
+    cache.add(4, b"x" * 11)
+    assert cache.find(4) is None
 
 
 def test_messages_are_told_once_for_all_receivers() -> None:
