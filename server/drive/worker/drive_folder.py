@@ -11,7 +11,7 @@ from mdrive_sumo.core.output_files import make_folder, remove_parts
 from mdrive_sumo.core.private_paths import relate_path, restore_path
 from server.drive.simulation_values import DriveProblem, DriveSetup, TreeChanged
 from server.drive.take_tree import TAKES_FOLDER, Take, TakeStatus, TakeTree, has_tree, load_tree
-from server.drive.worker.take_journal import read_journal
+from server.drive.worker.take_journal import read_journal, summarize_journal
 
 FROM_RUN = "from_run"
 """Name in `tree.json` of the run that the drive enters, relative to the folder."""
@@ -70,7 +70,7 @@ def _adopt_takes(tree: TakeTree) -> TakeTree:
     )
     for number in [number for number in numbers if number not in tree.takes]:
         try:
-            header, _ = read_journal(tree.find_journal(number))
+            header, _ = summarize_journal(tree.find_journal(number))
         except InputError:
             continue  # not a journal: a later take gets another number
         if header.parent is None or header.parent in tree.takes:
@@ -124,7 +124,7 @@ def drop_journal(tree: TakeTree, number: int) -> None:
 def check_tick(tree: TakeTree, take: int, tick: object) -> None:
     """Raise InputError unless a take can go on from a tick: one before its end."""
     is_finished = tree.find(take).status is TakeStatus.FINISHED
-    last = len(read_journal(tree.find_journal(take))[1]) - is_finished
+    last = summarize_journal(tree.find_journal(take))[1] - is_finished
     if type(tick) is not int or not 0 <= tick <= last:
         raise InputError(f"tick: expected one of take {take}, 0 to {last}, found {tick!r:.40}")
 
@@ -132,7 +132,7 @@ def check_tick(tree: TakeTree, take: int, tick: object) -> None:
 def find_driven(tree: TakeTree, number: int, tick: int) -> int | None:
     """Return a take, or its parent if it has no tick of its own yet: it is the same then, and is dropped."""
     take = tree.find(number)
-    is_driven = tick > take.tick or len(read_journal(tree.find_journal(number))[1]) > take.tick
+    is_driven = tick > take.tick or summarize_journal(tree.find_journal(number))[1] > take.tick
     return number if is_driven else take.parent
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from server.drive.simulation_values import WhatIfBranch
 from server.drive.take_tree import TakeTree
-from server.drive.worker.take_journal import JournalHeader, read_journal
+from server.drive.worker.take_journal import JournalHeader, summarize_journal
 
 
 class TakeMode(StrEnum):
@@ -79,7 +79,7 @@ def make_order(
     """
     take, parent, tick = branch
     source = tree.find_journal(parent) if parent is not None else None
-    entered = read_journal(source)[0].entered_tick if source is not None else 0
+    entered = summarize_journal(source)[0].entered_tick if source is not None else 0
     return TakeOrder(
         JournalHeader(take, parent, tick, min(entered, tick)),
         mode,

@@ -129,6 +129,19 @@ def read_journal(path: Path) -> tuple[JournalHeader, list[TickActions]]:
 
     Raises InputError for a file that is missing, no journal, or damaged elsewhere.
     """
+    first, *lines = _read_lines(path)
+    header = _parse_header(path, first)
+    return header, [_parse_tick(f"{path}: line {2 + tick}", tick, line) for tick, line in enumerate(lines)]
+
+
+def summarize_journal(path: Path) -> tuple[JournalHeader, int]:
+    """Return the header and the number of ticks, whose actions are not checked. Raises InputError as `read_journal`."""
+    lines = _read_lines(path)
+    return _parse_header(path, lines[0]), len(lines) - 1
+
+
+def _read_lines(path: Path) -> list[bytes]:
+    """Return the whole lines of a journal, of which there is one at least."""
     try:
         content = read_bytes(path, MAX_JOURNAL_BYTES)
     except OSError as error:
@@ -136,8 +149,7 @@ def read_journal(path: Path) -> tuple[JournalHeader, list[TickActions]]:
     lines = content[: content.rfind(b"\n") + 1].splitlines()
     if not lines:
         raise InputError(f"{path}: expected the actions of a take, found an empty file")
-    header = _parse_header(path, lines[0])
-    return header, [_parse_tick(f"{path}: line {2 + tick}", tick, line) for tick, line in enumerate(lines[1:])]
+    return lines
 
 
 def _parse_object(place: str, line: bytes) -> dict[str, Any]:

@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.takes import Action, DriverChoice
-from server.drive.worker.take_journal import CavAction, JournalHeader, TakeJournal, TickActions, read_journal
+from server.drive.worker.take_journal import (
+    CavAction,
+    JournalHeader,
+    TakeJournal,
+    TickActions,
+    read_journal,
+    summarize_journal,
+)
 
 HEADER = JournalHeader(2, 1, 1, 0)
 FIRST = TickActions({"a": CavAction(Action(DriverChoice("human", {"device": "wheel"}), Control(0.5, 0.0, -0.25)), 7)})
@@ -29,6 +36,7 @@ def test_actions_are_read_back(tmp_path: Path) -> None:
     path = tmp_path / "2.actions.jsonl"
     write(path, FIRST, SECOND, TickActions(digest="a" * 16)).close()
     assert read_journal(path) == (HEADER, [FIRST, SECOND, TickActions(digest="a" * 16)])
+    assert summarize_journal(path) == (HEADER, 3)
 
 
 @pytest.mark.parametrize("torn", [1, 5, 40])
