@@ -6,7 +6,7 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -38,6 +38,14 @@ WAITING = "echo here >&3; while :; do sleep 1; done"
 shell = partial(shell_spec, slot=SLOT)
 pytestmark = [pytest.mark.slow, needs_bubblewrap]
 needs_runsc = pytest.mark.skipif(shutil.which("runsc") is None, reason="needs gVisor's runsc")
+
+
+@pytest.fixture(autouse=True)
+def hang_ups_end_programs() -> Iterator[None]:
+    """`nohup` ignores SIGHUP for all that it starts, and programs in boxes inherit that."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
 
 
 def parents() -> dict[int, int]:
