@@ -9,6 +9,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdrive_sumo.core.errors import InputError
+
 _PATH_IN_ARGUMENT = re.compile(r"(^|[=:,])(/[^:=,]+)")
 _PATH_IN_TEXT = re.compile(r"(?<![\w.~:/-])(?:~|/)(?:[^/\s\"'<>]+/)*([^/\s\"'<>]+)")
 _LOCATOR = re.compile(r"(?P<prefix>(?:carla(?:-single)?:)?)(?P<path>[^:]*\.py)(?P<name>(?::\w+)?)")
@@ -59,11 +61,15 @@ def restore_path(relative: str, folder: Path) -> Path:
     """Return the absolute path of one that is relative to a folder.
 
     If nothing is there, because only the name is known or the folder was moved, it is looked for by its name in the
-    present folder; runs have checksums of agents and suites, so that another one of the name is refused.
+    present folder; runs have checksums of agents and suites, so that another one of the name is refused. Raises
+    InputError for what is no path, such as one with a zero byte in a stranger's file.
     """
-    path = (folder / relative).resolve()
-    here = Path.cwd() / path.name
-    return here if here.exists() and not path.exists() else path
+    try:
+        path = (folder / relative).resolve()
+        here = Path.cwd() / path.name
+        return here if here.exists() and not path.exists() else path
+    except (OSError, ValueError, RuntimeError):  # too long, a zero byte or half a surrogate pair, a loop of links
+        raise InputError(f"{folder}: expected the path of a file or a folder, found {relative!r:.80}") from None
 
 
 def hide_command(command: Sequence[str], folder: Path) -> tuple[str, ...]:

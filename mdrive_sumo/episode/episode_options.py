@@ -1,6 +1,5 @@
 """EpisodeOptions: the conditions of an episode that the user chooses."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum, auto
@@ -9,6 +8,7 @@ from typing import Any, TypedDict, Unpack, cast
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import IDEAL, Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.json_object import parse_json_object
 from mdrive_sumo.core.setting import Scalar, Setting, check_names, list_settings, setting
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.scenario.weather import FrictionMode
@@ -106,7 +106,7 @@ class EpisodeOptions:
             for condition in CONDITIONS
             if condition.key in values
         }
-        return cls(parse_comm(json.loads(values["comm"])), parse_clock(values["agent_clock"]), **scalars)
+        return cls(parse_comm(parse_json_object(values["comm"], "comm")), parse_clock(values["agent_clock"]), **scalars)
 
 
 CONDITIONS: tuple[Setting, ...] = tuple(one for one in list_settings(EpisodeOptions) if one.is_scalar)

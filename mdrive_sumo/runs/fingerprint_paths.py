@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.core.json_object import parse_json_object
 from mdrive_sumo.core.private_paths import hide_locator, relate_path, restore_locator, restore_path
 
 AGENT_KEYS = ("agent", "others")
@@ -40,7 +41,7 @@ def restore_paths(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         restored[SUITE_KEY] = str(restore_path(suite, folder))
     text = restored.get(OPTIONS_KEY)
     if isinstance(text, str) and f'"{MARK}' in text:
-        options = json.loads(text)
+        options = parse_json_object(text, OPTIONS_KEY)
         changed = {name: _restore_option(value, folder) for name, value in options.items()}
         restored[OPTIONS_KEY] = json.dumps(changed, sort_keys=True, separators=(",", ":"))
     return restored

@@ -15,6 +15,7 @@ from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.json_object import parse_json_object
 from mdrive_sumo.core.setting import Scalar, check_names, list_settings, setting
 from mdrive_sumo.episode.episode_options import CONDITIONS, EpisodeArguments, EpisodeOptions
 from mdrive_sumo.loop.request_pace import MAX_PACE_S
@@ -211,7 +212,7 @@ class RunConfig:
                 raise TypeError(f"{key}: expected a text, found {values[key]!r:.60}")
         own = {one.field: one.read(values[one.key]) for one in _IDENTITY if one.key in values or one.key not in _LATER}
         config = cls(
-            agent=AgentSpec(values["agent"], json.loads(values["agent_config"])),
+            agent=AgentSpec(values["agent"], parse_json_object(values["agent_config"], "agent_config")),
             others=OtherAgents.from_dict(values),
             options=EpisodeOptions.from_dict(values),
             seeds=_read_seeds(values["seed"], values.get("seeds", "")),
