@@ -5,7 +5,7 @@ journal of its actions. The journals are the truth: what the tree says of a fini
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from enum import StrEnum, auto
 from pathlib import Path
@@ -22,6 +22,10 @@ MAX_TREE_BYTES = 2**26
 """A take has about 300 bytes."""
 MAX_TAKES = 100_000
 MAX_NUMBER = 2**31
+MAX_TAKE = 2**30
+"""Largest number of a take in a file: those that a drive adds still fit a frame (`protocol`), and can be read again."""
+MAX_NAME_LENGTH = 80
+"""Of a CAV or a driver, as in requests (`messages.Name`)."""
 
 
 class TakeStatus(StrEnum):
@@ -149,12 +153,12 @@ def _parse_take(path: Path, row: object) -> Take:
         number=_read_number(place, row, "number"),
         parent=_read_optional(place, row, "parent"),
         tick=_read_number(place, row, "tick"),
-        drivers=_read_mapping(place, row, "drivers", str),
+        drivers=_read_mapping(place, row, "drivers", _is_name),
         status=_read_status(place, row),
         left_tick=_read_optional(place, row, "left_tick"),
         end_tick=_read_optional(place, row, "end_tick"),
         score=_read_score(place, row),
-        ds=_read_mapping(place, row, "ds", float),
+        ds=_read_mapping(place, row, "ds", _is_score),
     )
 
 
@@ -169,11 +173,20 @@ def _read_number(place: str, row: Mapping[str, Any], name: str) -> int:
     return value
 
 
-def _read_mapping(place: str, row: Mapping[str, Any], name: str, kind: type) -> dict[str, Any]:
+def _read_mapping(place: str, row: Mapping[str, Any], name: str, is_sound: Callable[[object], bool]) -> dict[str, Any]:
+    """Return an object by CAV. It is sent to pages, so it holds nothing that JSON in UTF-8 cannot."""
     value = row.get(name, {})
-    if not isinstance(value, dict) or not all(isinstance(one, kind) for one in value.values()):
+    if not isinstance(value, dict) or not all(_is_name(cav) and is_sound(one) for cav, one in value.items()):
         raise InputError(f"{place}: {name}: expected an object of CAVs, found {value!r:.60}")
     return value
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= MAX_NAME_LENGTH and value.isprintable()
+
+
+def _is_score(value: object) -> bool:
+    return type(value) in (int, float) and 0 <= value <= 100  # pyright: ignore[reportOperatorIssue] - NaN fails too
 
 
 def _read_status(place: str, row: Mapping[str, Any]) -> TakeStatus:
@@ -185,7 +198,7 @@ def _read_status(place: str, row: Mapping[str, Any]) -> TakeStatus:
 
 def _read_score(place: str, row: Mapping[str, Any]) -> float | None:
     value = row.get("score")
-    if value is not None and not (type(value) in (int, float) and 0 <= value <= 100):
+    if value is not None and not _is_score(value):
         raise InputError(f"{place}: score: expected a number from 0 to 100, found {value!r:.40}")
     return value
 
@@ -194,7 +207,7 @@ def _check_tree(path: Path, takes: Sequence[Take]) -> None:
     """Raise InputError unless every take has a number of its own, and a parent with a smaller one."""
     numbers: set[int] = set()
     for take in takes:
-        if take.number < 1 or take.number in numbers:
+        if not 1 <= take.number <= MAX_TAKE or take.number in numbers:
             raise InputError(f"{path}: take {take.number}: expected numbers from 1 on, each once, in ascending order")
         if take.parent is not None and take.parent not in numbers:
             raise InputError(f"{path}: take {take.number}: parent: expected an earlier take, found {take.parent}")
