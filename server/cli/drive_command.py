@@ -163,12 +163,12 @@ def _resume(ctx: click.Context, scenario: str | None, folder: Path, options: dic
     if scenario is not None or given or _find_condition(ctx):
         raise click.UsageError("--resume: expected neither SCENARIO nor its options with it: the folder has them")
     stored = load_drive(folder)
-    if (agent := options["on_disconnect"]) is None:
-        return stored
+    given = options["on_disconnect"]
+    agent, choices = given or stored.rules.on_disconnect, (PAUSE, *stored.setup.substitutes)
     if agent != PAUSE:
-        _check_agent("--on-disconnect", agent, PAUSE)
-        if agent not in stored.setup.substitutes:
-            raise InputError(f"--on-disconnect: {describe_unknown(agent, (PAUSE, *stored.setup.substitutes))}")
+        _check_agent("--on-disconnect" if given else f"{folder}: on_disconnect", agent, PAUSE)
+        if agent not in choices:
+            raise InputError(f"--on-disconnect: {describe_unknown(agent, choices)}")
     return StoredDrive(stored.setup, SessionRules(on_disconnect=agent))
 
 

@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_folder, write_text
-from mdrive_sumo.core.suggestion import shorten_name
 from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.scenario.scenario import describe_first_error
 from server.drive.session_rules import SessionRules
 from server.drive.simulation_values import DriveSetup
 
@@ -83,11 +83,7 @@ def load_drive(folder: Path) -> StoredDrive:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ": ".join(map(str, first["loc"]))
-        found = shorten_name(str(first["input"]))
-        said = str(first["msg"]).removeprefix("Input should be ")
-        raise InputError(f"{path}: {place}: expected {said[:1].lower()}{said[1:]}, found {found}") from None
+        raise InputError(f"{path}: {describe_first_error(error)}") from None
     return StoredDrive(_make_setup(folder, content), SessionRules(on_disconnect=content.on_disconnect))
 
 

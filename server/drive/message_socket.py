@@ -6,6 +6,7 @@ A message is its length (4 bytes) and a pickle. Both ends are processes that thi
 import pickle
 import socket
 import struct
+from contextlib import suppress
 from typing import Any
 
 LENGTH = struct.Struct("<I")
@@ -71,6 +72,11 @@ class MessageSocket:
     def take_descriptor(self) -> int:
         """Return the oldest descriptor that came with a message; the caller closes it."""
         return self._descriptors.pop(0)
+
+    def end(self) -> None:
+        """Send nothing more: the other end reads what was sent, and then the end. It can still send."""
+        with suppress(OSError):  # it is gone already
+            self._socket.shutdown(socket.SHUT_WR)
 
     def close(self) -> None:
         """Close this end, and descriptors that were not taken."""

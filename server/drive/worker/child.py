@@ -23,6 +23,8 @@ class ChildRole(StrEnum):
     """People drive it."""
     LEFT = auto()
     """It waits for its turn to be finished."""
+    ASIDE = auto()
+    """It ends, and gives its turn to a process that begins with the journal of its take."""
     FINISHING = auto()
     HELPING = auto()
     """It computes an answer: a what-if branch, a checkpoint, a motion."""

@@ -1,20 +1,28 @@
 """The folder of a drive when it is opened: a new one, or that of an earlier drive, also of one that was killed."""
 
+import fcntl
+import os
+import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from mdrive_sumo.core.atomic_folder import check_new_folder
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import check_tree
 from mdrive_sumo.core.output_files import make_folder, remove_parts
 from mdrive_sumo.core.private_paths import relate_path, restore_path
 from server.drive.simulation_values import DriveProblem, DriveSetup, TreeChanged
-from server.drive.take_tree import TAKES_FOLDER, Take, TakeStatus, TakeTree, has_tree, load_tree
+from server.drive.take_tree import MAX_TAKE, TAKES_FOLDER, Take, TakeStatus, TakeTree, has_tree, load_tree
 from server.drive.worker.take_journal import read_journal, summarize_journal
 
 FROM_RUN = "from_run"
 """Name in `tree.json` of the run that the drive enters, relative to the folder."""
+LOCK_WAIT_S = 10.0
+"""How long the processes of a killed drive may take to end [s]: they notice it between two ticks."""
+LOCK_PAUSE_S = 0.1
 
 
 def restore_setup(setup: DriveSetup) -> DriveSetup:
@@ -33,22 +41,58 @@ def restore_setup(setup: DriveSetup) -> DriveSetup:
 def open_tree(setup: DriveSetup, about: Mapping[str, Any]) -> TakeTree:
     """Return the tree of a drive's folder; a new folder gets an empty one.
 
-    about: what is driven. Raises InputError for a folder of another drive, or one that cannot be written.
+    about: what is driven. Raises InputError for a folder of another drive, one in which another process drives, one
+    with links, or one that cannot be written.
     """
     if setup.from_run is not None:
         about = {**about, FROM_RUN: relate_path(setup.from_run, setup.folder)}
+    if not has_tree(setup.folder):
+        check_new_folder(setup.folder)
+        _make_folder(setup.folder)
+    lock_folder(setup.folder)
     if has_tree(setup.folder):
+        check_tree(setup.folder, "a drive")  # what is written below it stays there
         tree = load_tree(setup.folder)
         _check_about(tree, about)
         return _adopt_takes(tree)
-    check_new_folder(setup.folder)
     tree = TakeTree(setup.folder, about)
     try:
-        make_folder(setup.folder, may_be_link=True)
         tree.save()
     except OSError as error:
         raise InputError(f"{setup.folder}: cannot be written: {error.strerror}") from None
     return tree
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        make_folder(folder, may_be_link=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+def lock_folder(folder: Path, wait_s: float = LOCK_WAIT_S) -> None:
+    """Keep other drives out of a folder until this process and all that it forks have ended. Raises InputError.
+
+    Two drives in one folder would give different takes the same number, and overwrite one by the other.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)  # never closed: it holds the lock
+    end_s = time.monotonic() + wait_s
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > end_s:
+                os.close(descriptor)
+                raise InputError(
+                    f"{folder}: expected a drive that goes on nowhere else, found another server at work in it; stop"
+                    " that one first"
+                ) from None
+            time.sleep(LOCK_PAUSE_S)
+        except OSError:  # a network file system that cannot lock folders
+            os.close(descriptor)
+            return
+        else:
+            return
 
 
 def _check_about(tree: TakeTree, about: Mapping[str, Any]) -> None:
@@ -68,7 +112,7 @@ def _adopt_takes(tree: TakeTree) -> TakeTree:
     numbers = sorted(
         int(path.name.split(".")[0]) for path in folder.glob("*.actions.jsonl") if path.name.split(".")[0].isdecimal()
     )
-    for number in [number for number in numbers if number not in tree.takes]:
+    for number in [number for number in numbers if 1 <= number <= MAX_TAKE and number not in tree.takes]:
         try:
             header, _ = summarize_journal(tree.find_journal(number))
         except InputError:
@@ -82,8 +126,8 @@ class Unfinished(NamedTuple):
     """What an earlier session has left."""
 
     tree: TakeTree
-    takes: list[tuple[int, int]]
-    """The takes to finish, with their numbers of ticks."""
+    takes: list[int]
+    """The takes to finish."""
     go_on: tuple[int, int] | None
     """The take and the tick from which the drive goes on; None: from the start."""
     problems: list[str]
@@ -105,7 +149,7 @@ def find_unfinished(tree: TakeTree) -> Unfinished:
             found = found._replace(tree=found.tree.with_take(replace(take, status=TakeStatus.VOID)))
             continue
         if len(ticks) > take.tick:
-            found.takes.append((number, len(ticks)))
+            found.takes.append(number)
             left = found.tree.with_take(replace(take, status=TakeStatus.LEFT))
             found = found._replace(tree=left, go_on=(number, len(ticks)))
         else:

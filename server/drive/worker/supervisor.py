@@ -51,11 +51,15 @@ from server.drive.worker.orders import (
     WhatIfDone,
     make_order,
 )
+from server.drive.worker.take_journal import read_journal
 from server.drive.worker.take_process import TAKE_IS_OVER
 from server.drive.worker.what_if_calls import WhatIfCalls
 
 RETRY_S = 2.0
 """Time after which a tree that could not be written is written again [s]."""
+MAX_LEFT = 32
+"""Processes of takes that wait for their turn to be finished: 8 MB each. Of more, the oldest end, and their takes are
+finished from their journals, which takes longer."""
 PASSED_CALLS = ("pause", "resume", "hand_over", "say")
 """Calls that the process of the live take answers."""
 
@@ -71,8 +75,9 @@ class DriveSupervisor:
         self._live: Child | None = None
         self._starting: tuple[Child, int] | None = None
         """The process of a take that begins, and the number of the call that waits for it."""
-        self._earlier: list[tuple[int, int]] = []
-        """Takes of an earlier session that wait for their turn to be finished, with their numbers of ticks."""
+        self._earlier: list[tuple[int, Provenance | None]] = []
+        """Takes without a process that wait for their turn to be finished, and with what people drove them; None: in an
+        earlier session."""
         self._finish_calls: list[int] = []
         self._provenance = Provenance("unknown", 0.0)
         self._last_take = 0
@@ -134,7 +139,7 @@ class DriveSupervisor:
         self._provenance = Provenance(setup.device, 0.0)
         tree = open_tree(context.setup, context.describe())
         found = find_unfinished(tree)
-        self._earlier = found.takes
+        self._earlier = [(take, None) for take in found.takes]
         self._stored = StoredTree(found.tree, self._server.send)
         gc.collect()
         gc.freeze()  # else the first collection of each fork would write to, and so copy, all that they share
@@ -259,14 +264,31 @@ class DriveSupervisor:
             busy += 1
             child.tell(FinishOrder())
         while self._earlier and busy < self._slots and self._starting is None:
-            take, count = self._earlier.pop(0)
-            self._start(self._make_order(take, take, count, TakeMode.FINISH), ChildRole.FINISHING)
-            busy += 1
-        is_idle = not self._earlier and not self._children.count(ChildRole.LEFT, ChildRole.FINISHING)
+            busy += self._finish_earlier(*self._earlier.pop(0))
+        left = [one for one in self._children if one.role is ChildRole.LEFT]
+        for child in left[: max(0, len(left) - MAX_LEFT)]:
+            child.role = ChildRole.ASIDE
+            child.connection.end()
+        waiting = (ChildRole.LEFT, ChildRole.ASIDE, ChildRole.FINISHING)
+        is_idle = not self._earlier and not self._children.count(*waiting)
         if is_idle and self._starting is None:
             for number in self._finish_calls:
                 self._answer(number)
             self._finish_calls = []
+
+    def _finish_earlier(self, take: int, provenance: Provenance | None) -> bool:
+        """Start the process that finishes a take from its journal; return whether that can be read."""
+        try:
+            _, ticks = read_journal(self.tree.find_journal(take))
+            order = self._make_order(take, take, len(ticks), TakeMode.FINISH)
+        except InputError as error:
+            self.stored.change(take, status=TakeStatus.VOID)
+            self._server.send(DriveProblem(f"take {take} cannot be finished: {error}"))
+            return False
+        child = self._start(order, ChildRole.FINISHING)
+        if provenance is not None:
+            child.tell(provenance)
+        return True
 
     # --------------------------------------------------------------------------------------------------- processes
 
@@ -331,8 +353,12 @@ class DriveSupervisor:
             if self._facts_are_due and self._begin_otherwise(number, order, message):
                 return
             self._answer(number, None, message.text)
-        elif child.role is ChildRole.FINISHING:
+        elif child.role in (ChildRole.LIVE, ChildRole.LEFT, ChildRole.FINISHING):
+            if child is self._live:
+                self._live = None
+            child.role = ChildRole.HELPING  # it has nothing more to do than to end, which is no other problem
             self.stored.change(child.take, status=TakeStatus.VOID)
+            self._fail_calls(child, message.text)
             self._server.send(DriveProblem(f"take {child.take} cannot be finished: {message.text}"))
         else:
             self._fail_calls(child, message.text)
@@ -378,6 +404,8 @@ class DriveSupervisor:
             self._starting = None
             self._children.ladder.drop_take(child.take)
             self._answer(number, None, "the process of the take has ended; try again")
+        elif child.role is ChildRole.ASIDE:
+            self._earlier.append((child.take, self._provenance))
         elif child.role in (ChildRole.LIVE, ChildRole.LEFT, ChildRole.FINISHING):
             if child is self._live:
                 self._live = None

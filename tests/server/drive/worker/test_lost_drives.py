@@ -18,6 +18,7 @@ from server.drive.simulation_process import (
     TakeStatus,
 )
 from server.drive.take_tree import load_tree
+from server.drive.worker.supervisor import MAX_LEFT
 from server.drive.worker.take_journal import read_journal
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
@@ -118,6 +119,28 @@ def test_no_process_is_left_when_a_drive_is_closed(suite: Path, tmp_path: Path) 
     run_drive(drive)
 
 
+def test_many_takes_that_wait_are_no_processes_and_are_finished_all_the_same(suite: Path, tmp_path: Path) -> None:
+    folder, count = tmp_path / "drive", MAX_LEFT + 8
+
+    async def drive(session: DriveSession) -> None:
+        await session.open(make_setup(folder, suite, speed_up=100.0, checkpoint_s=1.0))
+        await session.drive_to(30)
+        for _ in range(count):
+            number = await session.process.branch(1, 20)
+            await session.wait_for(lambda number=number: session.frames[-1].take == number)
+            await session.drive_to(22)
+        others = 3 + session.tick // 20  # supervisor, live take, one that is finished, checkpoints
+        assert len(list_group(session.group)) <= MAX_LEFT + others + 2
+        await session.close()
+        assert session.problems == []
+
+    run_drive(drive)
+    tree = load_tree(folder)
+    assert len(tree.takes) == count + 1
+    assert {take.status for take in tree.takes.values()} == {TakeStatus.FINISHED}
+    verify(tree.find_folder(2))
+
+
 def test_a_take_whose_journal_is_damaged_is_void_and_the_drive_goes_on(suite: Path, tmp_path: Path) -> None:
     folder = tmp_path / "drive"
 
@@ -146,5 +169,7 @@ def test_a_take_whose_journal_is_damaged_is_void_and_the_drive_goes_on(suite: Pa
             live = tree.takes[max(tree.takes)]
             assert (live.parent, live.tick) == (None, 0)
             await session.drive_to(10)
+            assert len(session.problems) == 1, "the end of its process is no other problem"
+            assert session.process.tree.takes[1].status is TakeStatus.VOID
 
         run_drive(go_on)

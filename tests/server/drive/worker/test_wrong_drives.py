@@ -1,6 +1,7 @@
 """Wrong setups, calls and folders cost one sentence each."""
 
 from pathlib import Path
+from shutil import copyfile
 
 import pytest
 from testing.drives import DriveSession, make_setup, run_drive
@@ -8,6 +9,7 @@ from testing.drives import DriveSession, make_setup, run_drive
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.errors import InputError
 from server.drive.worker.drive_context import load_context
+from server.drive.worker.drive_folder import lock_folder
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
@@ -97,3 +99,55 @@ def test_folders_that_are_no_place_for_this_drive_cost_one_sentence(suite: Path,
 
         with pytest.raises(InputError, match=sentence):
             run_drive(drive)
+
+
+def test_a_folder_in_which_another_drive_goes_on_costs_one_sentence(suite: Path, tmp_path: Path) -> None:
+    """Both would give their next take the same number. The lock ends with the last process of the first drive."""
+    setup = make_setup(tmp_path / "drive", suite)
+
+    async def drive(session: DriveSession) -> None:
+        await session.open(setup)
+        await session.drive_to(3)
+        with pytest.raises(InputError, match="found another server at work in it; stop that one first"):
+            lock_folder(setup.folder, wait_s=0.0)
+        await session.drive_to(6)
+        await session.close(0.0)
+
+    run_drive(drive)
+    run_drive(lambda session: session.open(setup))
+
+
+def test_links_in_the_folder_of_a_drive_are_not_followed(suite: Path, tmp_path: Path) -> None:
+    """A stranger's drive must not write outside of its folder."""
+    folder, other = tmp_path / "drive", tmp_path / "other"
+
+    async def drive(session: DriveSession) -> None:
+        await session.open(make_setup(folder, suite))
+        await session.drive_to(3)
+
+    run_drive(drive)
+    (folder / "takes").rename(other)
+    (folder / "takes").symlink_to(other)
+    (other / ".mine.part").write_text("mine")
+    before = sorted(other.rglob("*"))
+    with pytest.raises(InputError, match="takes: expected a drive of regular files and folders, found a link"):
+        run_drive(lambda session: session.open(make_setup(folder, suite)))
+    assert sorted(other.rglob("*")) == before
+
+
+def test_a_journal_with_a_number_that_no_take_has_is_no_take(suite: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "drive"
+
+    async def drive(session: DriveSession) -> None:
+        await session.open(make_setup(folder, suite))
+        await session.drive_to(3)
+
+    run_drive(drive)
+    for number in (0, 2**32):
+        copyfile(folder / "takes" / "1.actions.jsonl", folder / "takes" / f"{number}.actions.jsonl")
+
+    async def go_on(session: DriveSession) -> None:
+        await session.open(make_setup(folder, suite))
+        assert {*session.process.tree.takes} == {1, 2}
+
+    run_drive(go_on)
