@@ -34,6 +34,7 @@ from server.drive.drive_app import create_drive_app
 from server.drive.drive_file import StoredDrive, load_drive, save_drive
 from server.drive.drive_host import DriveHost, make_drive_folder
 from server.drive.session_rules import PAUSE, SessionRules
+from server.drive.simulation_process import SimulationEnded
 from server.drive.simulation_values import DriveSetup
 
 DRIVE_NAME = "drive"
@@ -273,7 +274,7 @@ async def _serve(stored: StoredDrive, place: ServerPlace, is_browser_wanted: boo
     setup = stored.setup
     host = DriveHost(place.list_names())
     with place.open_listener() as listener:
-        await host.open_drive(DRIVE_NAME, setup, stored.rules)
+        await _open(host, stored)
         server = DriveServer(make_config(create_drive_app(host)))
         failures: list[str] = []
 
@@ -293,6 +294,17 @@ async def _serve(stored: StoredDrive, place: ServerPlace, is_browser_wanted: boo
     if failures:
         raise InputError(f"drive: {failures[0]}; continue with: {again}")
     echo(f"stopped; `{again}` continues, `mdrive-sumo view {setup.folder}/takes/N` shows a take", err=True)
+
+
+async def _open(host: DriveHost, stored: StoredDrive) -> None:
+    """Start the simulation. Raises InputError, also for one that ends before it has begun, as without memory."""
+    try:
+        await host.open_drive(DRIVE_NAME, stored.setup, stored.rules)
+    except SimulationEnded:
+        raise InputError(
+            "drive: the simulation process has ended before the drive began; what it said is above, the system's log"
+            " says whether it ran out of memory"
+        ) from None
 
 
 def _show_links(host: DriveHost, url: str, folder: Path, is_browser_wanted: bool) -> None:

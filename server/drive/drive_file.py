@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_folder, write_text
+from mdrive_sumo.core.suggestion import shorten_name
 from mdrive_sumo.episode.episode_options import EpisodeOptions
-from mdrive_sumo.scenario.scenario import describe_first_error
 from server.drive.session_rules import SessionRules
 from server.drive.simulation_values import DriveSetup
 
@@ -83,8 +83,17 @@ def load_drive(folder: Path) -> StoredDrive:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
-        raise InputError(f"{path}: {describe_first_error(error)}") from None
+        raise InputError(f"{path}: {_describe(error)}") from None
     return StoredDrive(_make_setup(folder, content), SessionRules(on_disconnect=content.on_disconnect))
+
+
+def _describe(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    said = str(first["msg"]).removeprefix("Input should be ")
+    if first["type"] == "json_invalid":
+        return f"expected JSON, found none ({said})"
+    place, found = ": ".join(map(str, first["loc"])), shorten_name(str(first["input"]))
+    return f"{place}: expected {said[:1].lower()}{said[1:]}, found {found}"
 
 
 def _make_setup(folder: Path, content: DriveFile) -> DriveSetup:

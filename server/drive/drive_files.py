@@ -3,9 +3,11 @@
 import gzip
 import hashlib
 import mimetypes
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 
 from fastapi import Request, Response
 
@@ -27,19 +29,23 @@ class StaticFile:
     """Hash of the contents (ETag)."""
 
 
-@cache
 def read_static_file(name: str) -> StaticFile | None:
-    """Return a static file by name; None if there is none."""
-    if "/" in name or name.startswith(".") or not name.endswith(KINDS):
-        return None
-    for root in ROOTS:
-        file = files(root).joinpath("static", name)
-        if file.is_file():
-            content = file.read_bytes()
-            compressed = gzip.compress(content, mtime=0) if name.endswith(COMPRESSED_KINDS) else None
-            media_type = mimetypes.guess_type(name)[0] or "application/octet-stream"
-            return StaticFile(content, compressed, media_type, f'"{hashlib.sha256(content).hexdigest()[:16]}"')
-    return None
+    """Return a static file by name; None if there is none. What is asked for in vain is not kept."""
+    return _load(name) if name in _list_files() else None
+
+
+@cache
+def _list_files() -> Mapping[str, Traversable]:
+    folders = [files(root).joinpath("static") for root in reversed(ROOTS)]
+    return {file.name: file for folder in folders for file in folder.iterdir() if file.name.endswith(KINDS)}
+
+
+@cache
+def _load(name: str) -> StaticFile:
+    content = _list_files()[name].read_bytes()
+    compressed = gzip.compress(content, mtime=0) if name.endswith(COMPRESSED_KINDS) else None
+    media_type = mimetypes.guess_type(name)[0] or "application/octet-stream"
+    return StaticFile(content, compressed, media_type, f'"{hashlib.sha256(content).hexdigest()[:16]}"')
 
 
 def send_static_file(request: Request, file: StaticFile, headers: dict[str, str]) -> Response:

@@ -51,7 +51,7 @@ from server.drive.worker.orders import (
     WhatIfDone,
     make_order,
 )
-from server.drive.worker.take_journal import read_journal
+from server.drive.worker.take_journal import summarize_journal
 from server.drive.worker.take_process import TAKE_IS_OVER
 from server.drive.worker.what_if_calls import WhatIfCalls
 
@@ -279,8 +279,8 @@ class DriveSupervisor:
     def _finish_earlier(self, take: int, provenance: Provenance | None) -> bool:
         """Start the process that finishes a take from its journal; return whether that can be read."""
         try:
-            _, ticks = read_journal(self.tree.find_journal(take))
-            order = self._make_order(take, take, len(ticks), TakeMode.FINISH)
+            _, count = summarize_journal(self.tree.find_journal(take))
+            order = self._make_order(take, take, count, TakeMode.FINISH)
         except InputError as error:
             self.stored.change(take, status=TakeStatus.VOID)
             self._server.send(DriveProblem(f"take {take} cannot be finished: {error}"))

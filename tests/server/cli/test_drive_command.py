@@ -18,6 +18,7 @@ from server.cli import drive_command
 from server.drive.drive_file import DRIVE_FILE, StoredDrive, load_drive, save_drive
 from server.drive.drive_host import make_drive_folder
 from server.drive.session_rules import SessionRules
+from server.drive.simulation_process import SimulationEnded
 
 SCENARIO = "i11_ins_sl_town"
 
@@ -126,13 +127,23 @@ def test_a_drive_is_read_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda content: content[:30], "expected"),
+        (lambda content: content[:30], "expected JSON, found none"),
+        (lambda content: content.replace('"seed"', r'"\ud800"'), "expected JSON, found none"),
         (lambda content: content.replace("mdrive-sumo/drive-settings/1", "other/1"), "format: expected"),
         (lambda content: json.dumps({**json.loads(content), "seed": "x"}), "seed: expected a valid integer, found 'x'"),
         (lambda content: json.dumps({**json.loads(content), "more": 1}), "more: expected"),
         (
             lambda content: json.dumps({**json.loads(content), "options": {"comm": "{"}}),
             "options: expected those of an",
+        ),
+        *(
+            (
+                lambda content, comm=comm: json.dumps(
+                    {**json.loads(content), "options": {"comm": comm, "agent_clock": "ideal"}}
+                ),
+                "options: expected those of an episode, found comm: expected a JSON object",
+            )
+            for comm in ("null", "[" * 3000)
         ),
         (lambda content: "\x00\xff", "expected"),
     ],
@@ -146,6 +157,29 @@ def test_a_damaged_settings_file_is_one_sentence(change: Any, sentence: str, tmp
     assert str(raised.value).startswith(f"{path}: ")
     assert sentence in str(raised.value)
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("agent", "sentence"),
+    [("nothing", "on_disconnect: expected one of pause, "), ("idm", "--on-disconnect: expected one of pause, sharing")],
+)
+def test_who_drives_for_the_lost_is_checked_in_a_settings_file_as_well(
+    agent: str, sentence: str, tmp_path: Path
+) -> None:
+    save_drive(StoredDrive(make_setup(tmp_path), SessionRules(on_disconnect=agent)))
+    assert sentence in read_refusal(CliRunner().invoke(main, ["drive", "--no-open", "--resume", str(tmp_path)]))
+
+
+def test_a_simulation_that_ends_before_the_drive_has_begun_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(*_: object) -> None:
+        raise SimulationEnded("ended")
+
+    monkeypatch.setattr("server.drive.drive_host.SimulationProcess.open", fail)
+    sentence = read_refusal(run(SCENARIO, "--out", tmp_path / "drive"))
+    assert sentence.startswith("drive: the simulation process has ended before the drive began; ")
+    assert not (tmp_path / "drive").exists()
 
 
 def test_a_full_disk_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -69,6 +69,8 @@ def test_pages_need_their_own_token(server: DriveServer) -> None:
         ("/nothing", 404, "there is nothing at GET /nothing"),
         ("/static/nothing.js", 404, "there is nothing at /static/nothing.js"),
         ("/static/%2e%2e%2fdrive_app.py", 404, "there is nothing at"),
+        (f"/static/{'x' * 3000}.js", 404, "there is nothing at /static/xxx"),
+        ("/static/%00.js", 404, "there is nothing at /static/"),
         (f"/takes/9/motion?token={server.token()}", 422, "take: expected one of this drive (1 to 1), found 9"),
         (f"/takes/x/motion?token={server.token()}", 422, "path number: expected a valid integer"),
         (f"/scene?token={server.host.host_token}", 404, "expected the link of a drive"),
