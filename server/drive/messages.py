@@ -213,6 +213,8 @@ class WelcomeOut(_Model):
     chat: bool
     may_rewind: bool
     """Also for what-if."""
+    may_hand_over: bool
+    """Whether an agent may take over from the receiver, and the receiver take back."""
     return_path: str = ""
     """Where the page leads once the drive has ended: the study that it is part of; "": nowhere."""
     takes: list["TakeOut"]

@@ -42,6 +42,7 @@ def build_welcome(
         v2x_view=rules.v2x_view,
         chat=rules.chat,
         may_rewind=rules.may_rewind,
+        may_hand_over=rules.may_hand_over,
         return_path=rules.return_paths.get(cav, ""),
         takes=list_takes(simulation.tree, frame),
     )

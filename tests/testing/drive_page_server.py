@@ -186,6 +186,7 @@ class DrivePageServer:
                 {"id": "ego_1", "driver": "sharing", "is_connected": False},
             ],
             "weather": "default", "v2x_view": True, "chat": True, "may_rewind": True,
+            "may_hand_over": True, "return_path": "",
             "takes": self.takes, "pseudonyms": {"ego_0": "aaaa0000", "ego_1": "bbbb1111"},
         }  # fmt: skip
         return message | self.changes

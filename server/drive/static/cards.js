@@ -33,18 +33,20 @@ function paragraph(text, className) {
   return make("p", className, text);
 }
 
-function startBody({ description, cav, weather, cavs, role }) {
+function startBody({ description, cav, weather, cavs, role, return_path: studyPath }) {
   const people = cavs.filter(({ driver }) => driver === "human").map(({ id }) => id);
   const facts = make("dl", "facts");
-  const rows = [["Your CAV", role === "spectator" ? "none: you watch" : nameCav(cav)], ["Driven by people", people.map(nameCav).join(", ")], ["Weather", weather]];
+  const rows = [["Your CAV", role === "spectator" ? "none: you watch" : nameCav(cav)], ["Driven by people", people.map(nameCav).join(", ")]];
+  if (weather !== "default") rows.push(["Weather", weather]);
+  const task = paragraph(studyPath ? "Follow the blue line on the road to its end." : description);
   for (const [term, text] of rows) facts.append(make("dt", "", term), make("dd", "", text));
-  if (!$("touch").hidden) return [paragraph(description), facts, paragraph("Turn the wheel; press a pedal, the higher the more.", "keys")];
+  if (!$("touch").hidden) return [task, facts, paragraph("Turn the wheel; press a pedal, the higher the more.", "keys")];
   const keys = make("p", "keys");
   keys.append(make("kbd", "", "W"), " throttle ", make("kbd", "", "S"), " brake ", make("kbd", "", "A"), make("kbd", "", "D"), " steer ", make("kbd", "", "P"), " pause ", make("kbd", "", "?"), " help");
-  return [paragraph(description), facts, keys];
+  return [task, facts, keys];
 }
 
-function endBody({ score, take, takes }, endings) {
+function endBody({ score, take, takes, welcome, isDriver }, endings) {
   const stored = takes.find(({ number }) => number === take);
   const body = [];
   const total = stored?.score ?? score?.ds;
@@ -55,8 +57,10 @@ function endBody({ score, take, takes }, endings) {
     list.append(make("dt", "", nameCav(cav)), make("dd", word === "arrived" ? "good" : "bad", [word, typeof ds === "number" ? `driving score ${ds.toFixed(1)}` : ""].filter(Boolean).join(", ")));
   }
   body.push(list);
-  if (stored?.folder) {
-    body.push(paragraph("Look at this take and check it, in the folder of the drive:"), make("pre", "", `mdrive-sumo view ${stored.folder}\nmdrive-sumo verify ${stored.folder}`));
+  if (isDriver && welcome.may_rewind) body.push(paragraph("Drag the time back to try again from there."));
+  if (stored?.folder && !welcome.return_path) {
+    const commands = ["explain", "view", "verify"].map((command) => `mdrive-sumo ${command} ${stored.folder}`);
+    body.push(paragraph("What cost score, the replay, and a check, in the folder of the drive:"), make("pre", "", commands.join("\n")));
   }
   return body;
 }

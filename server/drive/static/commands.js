@@ -28,7 +28,7 @@ function listenToCommands(page) {
     },
     t: () => page.welcome?.chat && page.isDriver && chat.toggle(),
     p: () => page.pause(),
-    o: () => page.isDriver && page.welcome.agents.length && page.handOver(),
+    o: () => page.handOver(),
     g: () => page.rewind?.askWhatIf(),
     "+": () => picture.top.zoom(1 / 1.3),
     "=": () => picture.top.zoom(1 / 1.3),

@@ -97,10 +97,10 @@ class DrivePage {
     document.body.classList.toggle("spectator", !this.isDriver);
     $("do-v2x").hidden = !welcome.v2x_view;
     $("do-chat").hidden = !welcome.chat || !this.isDriver;
-    $("do-agent").hidden = !this.isDriver || !welcome.agents.length;
+    $("set-agent").parentElement.hidden = !this.mayHandOver;
     $("instruments").hidden = false;
-    setText($("scenario"), welcome.scenario);
-    document.title = `${welcome.cav ? nameCav(welcome.cav) : "watching"} · ${welcome.scenario} · mdrive-sumo`;
+    setText($("scenario"), this.title);
+    document.title = `${welcome.cav ? nameCav(welcome.cav) : "watching"} · ${this.title} · mdrive-sumo`;
     this.rewind ??= new Rewind(this);
     this.takeTree(welcome);
     if (isFirst) this.loadScene();
@@ -195,8 +195,9 @@ class DrivePage {
   takeEndings(endings) {
     Object.assign(this.endings, endings);
     const own = endings[this.welcome.cav];
-    if (own) this.tell(`Your drive has ended: ${own}. The others go on until the take is finished.`);
-    if (own && this.welcome.return_path) this.showEnd(); // a study need not wait for them
+    if (!own) return;
+    if (this.welcome.return_path) this.showEnd(); // a study need not wait for the others
+    else this.tell(`Your drive has ended: ${own}. The others go on until the take is finished.`);
   }
 
   /** Messages name stations by their pseudonyms; people read the ids of the scenario. */
@@ -240,6 +241,15 @@ class DrivePage {
     return this.isDriver && !this.isAgentDriving && Boolean(this.own) && this.prediction.ready && !this.endings[this.welcome.cav];
   }
 
+  get mayHandOver() {
+    return this.isDriver && this.welcome.may_hand_over && this.welcome.agents.length > 0;
+  }
+
+  /** Participants of a study are not told what awaits them: scenarios are named after it. */
+  get title() {
+    return this.welcome.return_path ? "Drive to the goal" : this.welcome.scenario;
+  }
+
   get isAgentDriving() {
     return this.isDriver && (this.drivers[this.welcome.cav] ?? "human") !== "human";
   }
@@ -270,6 +280,11 @@ class DrivePage {
   }
 
   handOver() {
+    if (!this.mayHandOver) return;
+    if (this.endings[this.welcome.cav]) {
+      this.tell("Your drive has ended: nobody can take over. Go back (P), and drive on from there.");
+      return;
+    }
     const to = this.isAgentDriving ? "human" : (this.rewind.agent ?? this.welcome.agents[0]);
     this.connection.ask({ do: "hand-over", cav: this.welcome.cav, to });
     this.tell(to === "human" ? "You drive again." : `${to} drives. Press O to take back.`);
@@ -401,6 +416,8 @@ class DrivePage {
     $("latency").classList.toggle("warn", latency > 200);
     const label = RUNNING.has(this.state) ? "Pause" : "Go on";
     setText($("do-pause").lastElementChild, label);
+    $("do-pause").hidden = !this.isDriver || this.mode === "finished";
+    $("do-agent").hidden = !this.mayHandOver || Boolean(this.endings[this.welcome.cav]);
     document.body.classList.toggle("running", RUNNING.has(this.state));
     setText($("do-agent").lastElementChild, this.isAgentDriving ? "Take back" : "Agent");
   }
@@ -416,7 +433,7 @@ class DrivePage {
   // ---- cards
 
   showStart() {
-    this.card.show({ key: "start", title: this.welcome.scenario, body: startBody(this.welcome), actions: [["Start", () => this.resume()]] });
+    this.card.show({ key: "start", title: this.title, body: startBody(this.welcome), actions: [["Start", () => this.resume()]] });
   }
 
   /** After a rewind: the person gets ready, and a pedal or the button starts. */

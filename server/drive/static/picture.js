@@ -6,6 +6,7 @@ const LEAST_MIRROR_PX = 700; // width of the window
 const LEAST_HEIGHT_PX = 500;
 const NOTHING = []; // the same list each time: the view does nothing for one that it knows
 const SMALL_EVERY_MS = 90; // the small map is drawn eleven times a second
+const WITHIN_M = 3.5; // a ghost so near is around the eyes of the driver, and nothing else would be seen
 
 class Picture {
   /** `tell` shows a sentence. */
@@ -95,7 +96,9 @@ class Picture {
     }
     view.setSignals(signals);
     const { route = NOTHING, shared = NOTHING, intentions = NOTHING, ghosts = NOTHING } = overlays;
-    view.setOverlays({ route, shared, intentions, ghosts });
+    const sitsInside = this.view === "driver" || this.view === "four";
+    const seen = sitsInside ? ghosts.filter(({ x, y }) => Math.hypot(x - centre.x, y - centre.y) > WITHIN_M) : ghosts;
+    view.setOverlays({ route, shared, intentions, ghosts: seen });
     view.look({ x: centre.x, y: centre.y, yaw: centre.yaw, own: centre.index, mode: this.view === "driver" && this.showsMirrors ? "mirrors" : this.view });
     view.draw();
   }

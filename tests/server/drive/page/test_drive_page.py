@@ -180,8 +180,24 @@ def test_the_end_has_scores_and_commands(opened: Opened) -> None:
     wait_until(page, "document.body.dataset.mode === 'finished'")
     assert page.is_visible("#card")
     card = page.inner_text("#card")
-    assert "87.5" in card and "mdrive-sumo verify takes/1" in card and "blocked, driving score 100.0" in card
+    assert "87.5" in card and "mdrive-sumo verify takes/1" in card and "Drag the time back" in card and "blocked, driving score 100.0" in card
     assert page.evaluate(CONTRAST)["below"] == []
+
+
+def test_a_participant_of_a_study_reads_no_commands(opened: Opened) -> None:
+    server = opened(may_rewind=False, may_hand_over=False, return_path="/study?token=x")
+    page = server.page
+    assert "crossing_left" not in page.inner_text("body") and "a bus hides" not in page.inner_text("body")
+    started(server)
+    assert not page.is_visible("#do-agent")
+    page.keyboard.press("o")
+    server.drive(3)
+    server.finish()
+    wait_until(page, "document.body.dataset.mode === 'finished'")
+    card = page.inner_text("#card")
+    assert "87.5" in card and "mdrive-sumo" not in card and "Back to the study" in card
+    wait_until(page, "document.getElementById('do-pause').hidden && document.getElementById('do-agent').hidden")
+    assert [request["do"] for request in server.asked] == ["resume"]
 
 
 def test_a_page_that_is_hidden_pauses(opened: Opened) -> None:
