@@ -29,6 +29,7 @@ from mdrive_sumo.core.suggestion import describe_unknown, shorten_name
 from mdrive_sumo.core.terminal import CleanFormatter, echo
 from mdrive_sumo.runs.run_config import MAX_SEED
 from mdrive_sumo.runs.stored_run import load_viewed_run
+from mdrive_sumo.scenario.weather import WEATHERS
 from server.drive.access import SeatRole, TokenFilter
 from server.drive.drive_app import create_drive_app
 from server.drive.drive_file import StoredDrive, load_drive, save_drive
@@ -92,7 +93,12 @@ _ONLY_NEW = ("suite", "cavs", "others", "substitutes", "v2x", "from_run", "tick"
     help="Seed of all randomness [default: 0, the scenario as written; with --from: the run's first].",
 )
 @episode_options
-@click.option("--weather", metavar="NAME", default=None, help="What is shown [default: the scenario's weather].")
+@click.option(
+    "--weather",
+    metavar="|".join(WEATHERS),
+    default=None,
+    help="What is shown; grip and sensors are those of the scenario's weather [default: that too].",
+)
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", type=click.IntRange(0, 65535), help=f"[default: {USUAL_PORT}, or a free one]")
 @click.option(

@@ -151,7 +151,7 @@ class DriveSession:
         connection = BrowserConnection(seat, self._clock)
         if seat.role == SeatRole.DRIVER:
             if self.people.take_seat(connection):
-                self._notify(f"{connection.cav}: its driver is back")
+                self._notify(f"CAV {connection.cav}: its driver is back")
             self._spawn(self._give_back(connection.cav))
         elif sum(not one.is_driver for one in self._connections) >= MAX_SPECTATORS:
             raise InputError(f"spectators: expected at most {MAX_SPECTATORS} at a time; close another page first")
@@ -183,7 +183,7 @@ class DriveSession:
         if connection in self._connections:
             self._connections.remove(connection)
         if self.people.leave_seat(connection, for_good=for_good) and not self.has_ended:
-            self._notify(f"{connection.cav}: its driver is gone")
+            self._notify(f"CAV {connection.cav}: its driver is gone")
             self._spawn(self._replace_driver(connection.cav))
 
     async def _replace_driver(self, cav: str) -> None:
@@ -217,7 +217,7 @@ class DriveSession:
         """Stop or start the clock as the people are there and ready, and tell them for which drivers it waits."""
         async with self._lock:
             for cav in self.people.end_patience():
-                self._notify(f"{cav}: its driver has not come back; another driver can hand it over to an agent")
+                self._notify(f"CAV {cav}: its driver has not come back; another driver can hand it over to an agent")
             awaited = [cav for cav in self.people.list_awaited(self._driver_by_cav) if cav not in self._ended]
             should_run = not awaited and not self._is_finished and self.frame is not None
             if should_run != self._is_running and not self.has_ended:
@@ -282,7 +282,7 @@ class DriveSession:
         self._driver_by_cav[cav] = driver  # before its event comes, which may be after the next look at the clock
         if driver != before:
             name = "its person" if driver == HUMAN else driver
-            self._notify(f"{cav}: {name} drives now", self.people.seats[cav].connection)
+            self._notify(f"CAV {cav}: {name} drives now", self.people.seats[cav].connection)
 
     async def _receive_request(self, connection: BrowserConnection, request: messages.DriveRequest) -> None:
         if isinstance(request, messages.PingRequest):
@@ -334,7 +334,7 @@ class DriveSession:
             self._is_running = False
             self._ended.clear()  # the frames of the branch are still on their way
         place = f"{request.tick * DT:.1f} s of take {request.take}"
-        self._notify(f"{connection.cav}: its driver went back to {place}", connection)
+        self._notify(f"CAV {connection.cav}: its driver went back to {place}", connection)
         await self.update_clock()
 
     def _check_rewind(self, what: str) -> None:

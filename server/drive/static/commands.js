@@ -105,4 +105,5 @@ function listenToWindow(page) {
 function openDialog(page, id) {
   page.inputs.release();
   $(id).showModal();
+  $(id).scrollTop = 0; // the focus is on its button, below
 }

@@ -116,7 +116,7 @@ def test_a_rewind_makes_a_branch_and_waits_for_all(tmp_path: Path) -> None:
         await bench.ask(first, do="rewind", take=1, tick=0)
         assert ("branch", 1, 0) in bench.simulation.calls
         told = await drain(second)
-        assert {"is": "notice", "text": "ego_0: its driver went back to 0.0 s of take 1"} in told
+        assert {"is": "notice", "text": "CAV ego_0: its driver went back to 0.0 s of take 1"} in told
         (tree, *_) = [one for one in told if isinstance(one, dict) and one["is"] == "tree"]
         assert [(take["number"], take["parent"]) for take in tree["takes"]] == [(1, None), (2, 1)]
         assert [one.take for one in told if isinstance(one, WireFrame)][-1] == 2

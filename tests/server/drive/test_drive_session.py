@@ -102,7 +102,7 @@ def test_a_lost_driver_pauses_and_goes_on_within_a_minute(tmp_path: Path) -> Non
         await settle()
         assert bench.clock_calls == ["resume", "pause"]
         told = await drain(watcher)
-        assert {"is": "notice", "text": "ego_0: its driver is gone"} in told
+        assert {"is": "notice", "text": "CAV ego_0: its driver is gone"} in told
         assert {"is": "waiting", "for": ["ego_0"], "absent": ["ego_0"], "seconds": 60.0} in told
         await bench.wait(59.0)
         back = await bench.join("ego_0")
