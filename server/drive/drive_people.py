@@ -29,6 +29,8 @@ class DriverSeat:
 
     device: InputDevice = InputDevice.KEYBOARD
     """Of the last input; takes begin with the keyboard."""
+    noted_device: InputDevice | None = InputDevice.KEYBOARD
+    """That which the take notes; None: not known, because it is a branch."""
 
     @property
     def device_name(self) -> str:

@@ -105,6 +105,8 @@ class DriveSession:
             self._driver_by_cav.update(event.drivers)
             self._is_finished = self._is_running = False
             self._ended.clear()
+            for seat in self.people.seats.values():
+                seat.noted_device = InputDevice.KEYBOARD if event.parent is None else None
             self._put_tree()
         elif isinstance(event, HandedOver):
             self._driver_by_cav[event.cav] = event.driver
@@ -265,8 +267,8 @@ class DriveSession:
     def _note_device(self, cav: str, device: InputDevice) -> None:
         """Note in the take with which device a person drives from now on, if that is new."""
         seat = self.people.seats[cav]
-        if seat.device != device:
-            seat.device = device
+        if seat.noted_device != device:
+            seat.device = seat.noted_device = device
             self._spawn(self._take_wheel(cav))
 
     async def _take_wheel(self, cav: str) -> None:
@@ -361,11 +363,12 @@ class DriveSession:
         await self.simulation.say(connection.cav, request.text)
 
     async def _finish(self) -> None:
-        if self._is_finished:
-            raise InputError("finish: expected a take that goes on, found a finished one")
-        await self.simulation.leave()
-        assert self.frame is not None, "a take that goes on has frames"
-        self._receive_frame(replace(self.frame, state=FrameState.FINISHED, extra={}))
+        async with self._lock:  # a branch that begins is another take
+            if self._is_finished:
+                raise InputError("finish: expected a take that goes on, found a finished one")
+            await self.simulation.leave()
+            assert self.frame is not None, "a take that goes on has frames"
+            self._receive_frame(replace(self.frame, state=FrameState.FINISHED, extra={}))
 
     def _start_what_if(self, connection: BrowserConnection, request: messages.WhatIfRequest) -> None:
         self._check_rewind(request.do)

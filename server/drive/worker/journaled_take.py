@@ -34,6 +34,13 @@ class JournaledTake:
         """Return who drives a CAV in the current tick."""
         return self.changes[cav].name if cav in self.changes else self.simulation.find_driver(cav)
 
+    def is_driven_by(self, cav: str, choice: DriverChoice) -> bool:
+        """Return whether a CAV has this driver in the current tick, a person with the same device."""
+        driver = self.changes.get(cav) or self.simulation.find_choice(cav)
+        if driver is None or choice.name != HUMAN:
+            return driver is not None and driver.name == choice.name
+        return driver.name == HUMAN and driver.device == choice.device
+
     def list_people(self) -> list[str]:
         """Return the CAVs that people drive in the current tick."""
         return [cav for cav in self.simulation.driven_cavs if self.find_driver(cav) == HUMAN]

@@ -156,7 +156,7 @@ class LiveTake:
         """Return what happens in this tick: inputs, hand-overs and texts that have arrived."""
         take, cavs = self._take, {}
         for cav, choice in self._changes.items():
-            if cav in take.simulation.driven_cavs and take.find_driver(cav) != choice.name:
+            if cav in take.simulation.driven_cavs and not take.is_driven_by(cav, choice):
                 take.changes[cav] = choice
         self._changes = {}
         for cav in take.simulation.driven_cavs:

@@ -7,7 +7,7 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeSimulation, SimulatedFrames, start_agents
 from mdrive_sumo.loop.agent_scheduler import AgentScheduler
 from mdrive_sumo.loop.open_world import open_world
-from mdrive_sumo.runs.takes import HumanDriver, open_human_driver
+from mdrive_sumo.runs.takes import DriverChoice, HumanDriver, open_human_driver
 from mdrive_sumo.vehicle.dynamics import VehicleState
 from server.drive.worker.drive_context import DriveContext
 from server.drive.worker.frame_builder import FrameBuilder
@@ -71,8 +71,12 @@ class TakeSimulation:
 
     def find_driver(self, cav: str) -> str:
         """Return who drives a CAV; "" before the first tick."""
-        choice = self._drivers[cav].driver
+        choice = self.find_choice(cav)
         return choice.name if choice is not None else ""
+
+    def find_choice(self, cav: str) -> DriverChoice | None:
+        """Return who drives a CAV, with options; None before the first tick."""
+        return self._drivers[cav].driver
 
     def step(self) -> None:
         """Advance by one tick with the actions of the log. Raises WorldError if the simulator fails."""

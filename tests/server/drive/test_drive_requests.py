@@ -43,6 +43,10 @@ def test_a_new_device_is_noted(tmp_path: Path) -> None:
             await settle()
         noted = [call for call in bench.simulation.calls if call[0] == "hand_over"]
         assert noted == [("hand_over", "ego_0", "human", {"device": "wheel"})]
+        await bench.ask(driver, do="rewind", take=1, tick=0)  # its parent may have been driven with another one
+        await bench.session.receive(driver, encode_input(DriveInput(InputDevice.WHEEL, 4, 0.0, Control(0, 0, 0))))
+        await settle()
+        assert bench.simulation.calls[-1] == noted[0]
 
     drive(test, tmp_path)
 

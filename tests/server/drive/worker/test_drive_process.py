@@ -19,6 +19,7 @@ from server.drive.simulation_process import (
     TakeStatus,
 )
 from server.drive.take_tree import load_tree
+from server.drive.worker.take_journal import read_journal
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
@@ -245,3 +246,21 @@ def test_a_take_that_was_left_before_its_first_tick_is_none(suite: Path, tmp_pat
     assert sorted(path.name for path in (folder / "takes").glob("*.jsonl")) == ["2.actions.jsonl", "5.actions.jsonl"]
     for number in tree.takes:
         verify(tree.find_folder(number))
+
+
+def test_a_person_who_takes_another_device_is_noted_in_the_take(suite: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "drive"
+
+    async def drive(session: DriveSession) -> None:
+        await session.open(make_setup(folder, suite))
+        await session.drive_to(5)
+        for device in ("wheel", "wheel", "gamepad"):
+            await session.process.hand_over("0", "human", {"device": device})
+            await session.drive_to(session.tick + 3)
+        await session.close()
+
+    run_drive(drive)
+    _, ticks = read_journal(folder / "takes" / "1.actions.jsonl")
+    drivers = [one.cavs["0"].action.driver for one in ticks if "0" in one.cavs]
+    assert [one.device for one in drivers if one is not None] == ["keyboard", "wheel", "gamepad"]
+    verify(folder / "takes" / "1")
