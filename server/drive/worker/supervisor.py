@@ -9,6 +9,7 @@ import gc
 import pickle
 import select
 import socket
+from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -60,6 +61,8 @@ RETRY_S = 2.0
 MAX_LEFT = 32
 """Processes of takes that wait for their turn to be finished: 8 MB each. Of more, the oldest end, and their takes are
 finished from their journals, which takes longer."""
+MAX_LOST = 3
+"""Processes of a take that may end before their time: what ends them again and again will not stop doing so."""
 PASSED_CALLS = ("pause", "resume", "hand_over", "say")
 """Calls that the process of the live take answers."""
 
@@ -78,6 +81,8 @@ class DriveSupervisor:
         self._earlier: list[tuple[int, Provenance | None]] = []
         """Takes without a process that wait for their turn to be finished, and with what people drove them; None: in an
         earlier session."""
+        self._lost = Counter[int]()
+        """How often the process of a take has ended before its time; another one finishes it."""
         self._finish_calls: list[int] = []
         self._provenance = Provenance("unknown", 0.0)
         self._last_take = 0
@@ -280,6 +285,11 @@ class DriveSupervisor:
         """Start the process that finishes a take from its journal; return whether that can be read."""
         try:
             _, count = summarize_journal(self.tree.find_journal(take))
+            stored = self.tree.find(take)
+            if stored.parent is not None and count <= stored.tick:  # nothing was driven
+                self._children.ladder.move_take(take, stored.parent)
+                self.stored.drop(take)
+                return False
             order = self._make_order(take, take, count, TakeMode.FINISH)
         except InputError as error:
             self.stored.change(take, status=TakeStatus.VOID)
@@ -410,6 +420,9 @@ class DriveSupervisor:
             if child is self._live:
                 self._live = None
             self.stored.change(child.take, status=TakeStatus.LEFT)
+            self._lost[child.take] += 1
+            if self._lost[child.take] <= MAX_LOST:
+                self._earlier.append((child.take, self._provenance))
             text = f"the process of take {child.take} has ended; its actions are kept: go back to a tick to drive on"
             self._server.send(DriveProblem(text))
         self._give_turns()

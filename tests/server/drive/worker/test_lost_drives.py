@@ -119,6 +119,30 @@ def test_no_process_is_left_when_a_drive_is_closed(suite: Path, tmp_path: Path) 
     run_drive(drive)
 
 
+def test_a_take_whose_process_is_killed_is_finished_from_its_journal(suite: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "drive"
+
+    async def drive(session: DriveSession) -> None:
+        await session.open(make_setup(folder, suite))
+        await session.drive_to(20)
+        await session.process.branch(1, 10)
+        await session.wait_for(lambda: session.frames[-1].take == 2)
+        await session.drive_to(15)
+        for pid in [pid for pid in list_group(session.group) if pid != session.group]:
+            os.kill(pid, signal.SIGKILL)  # the live take and the checkpoints
+        await session.wait_for(lambda: any("actions are kept" in text for text in session.problems))
+        await session.process.branch(2, 12)
+        await session.wait_for(lambda: session.frames[-1].take == 3)
+        await session.drive_to(14)
+        await session.close()
+
+    run_drive(drive)
+    tree = load_tree(folder)
+    assert {number: take.status for number, take in tree.takes.items()} == dict.fromkeys((1, 2, 3), TakeStatus.FINISHED)
+    for number in tree.takes:
+        verify(tree.find_folder(number))
+
+
 def test_many_takes_that_wait_are_no_processes_and_are_finished_all_the_same(suite: Path, tmp_path: Path) -> None:
     folder, count = tmp_path / "drive", MAX_LEFT + 8
 
