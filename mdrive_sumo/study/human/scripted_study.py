@@ -110,8 +110,10 @@ def assign_kinds(plan: HumanStudyPlan, kinds: Sequence[str]) -> dict[str, str]:
     for kind in kinds:
         find_traits(kind)
     if not 1 <= len(kinds) <= len(plan.codes) or len(set(kinds)) < len(kinds):
+        most = len(plan.codes)
+        expected = "one kind" if most == 1 else f"1 to {most} different kinds"
         raise InputError(
-            f"--scripted: expected 1 to {len(plan.codes)} different kinds, as many as the plan has participants, found"
+            f"--scripted: expected {expected}, no more than the plan has participants, found"
             f" {', '.join(kinds) or 'none'}"
         )
     return {code: kinds[place % len(kinds)] for place, code in enumerate(plan.codes)}

@@ -33,10 +33,12 @@ function paragraph(text, className) {
   return make("p", className, text);
 }
 
-function startBody({ description, cav, weather, cavs, role, return_path: studyPath }) {
+function startBody({ description, cav, weather, cavs, role, return_path: studyPath, takes, tick_s }) {
   const people = cavs.filter(({ driver }) => driver === "human").map(({ id }) => id);
   const facts = make("dl", "facts");
   const rows = [["Your CAV", role === "spectator" ? "none: you watch" : nameCav(cav)], ["Driven by people", people.map(nameCav).join(", ")]];
+  const entered = takes.find(({ number }) => number === 1)?.tick; // of a recorded run: the car may be fast already
+  if (entered && role === "driver") rows.push(["You enter at", `${formatTime(entered * tick_s)} of a recorded run; the car may be moving`]);
   if (weather !== "default") rows.push(["Weather", weather]);
   const task = paragraph(studyPath ? "Follow the blue line on the road to its end." : description);
   for (const [term, text] of rows) facts.append(make("dt", "", term), make("dd", "", text));

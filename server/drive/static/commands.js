@@ -83,6 +83,7 @@ function listenToSettings(page, toggle) {
   const isTouch = recall("touch", matchMedia("(pointer: coarse)").matches);
   const show = () => ($("touch").hidden = !$("set-touch").checked);
   $("set-touch").checked = isTouch;
+  if (isTouch) page.inputs.source = page.inputs.touch; // until something else is used
   $("set-touch").addEventListener("change", () => {
     keep("touch", $("set-touch").checked);
     show();

@@ -201,6 +201,13 @@ def test_a_participant_of_a_study_reads_no_commands(opened: Opened) -> None:
     assert [request["do"] for request in server.asked] == ["resume"]
 
 
+def test_where_a_recorded_run_is_entered(opened: Opened) -> None:
+    server = opened(takes=[{"number": 1, "parent": None, "tick": 100, "drivers": {}, "status": "running",
+                            "end_tick": 100, "score": None, "ds": {}, "folder": "takes/1"}])  # fmt: skip
+    assert "0:05.0 of a recorded run" in server.page.inner_text("#card")
+    assert "Weather" not in server.page.inner_text("#card")  # nothing special
+
+
 def test_a_page_that_is_hidden_pauses(opened: Opened) -> None:
     server = opened()
     page = started(server)
