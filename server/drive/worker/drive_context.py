@@ -246,9 +246,18 @@ def _follow_run(setup: DriveSetup, stored: StoredRun) -> tuple[DriveSetup, Path,
     if not path.is_file():
         raise InputError(f"{setup.from_run}: expected the recording {path.name}, found none")
     options = replace(config.options, clock=IDEAL)
-    followed = replace(setup, suite=_name_suite(run.suite.folder), options=options)
+    followed = replace(_follow_take(setup, config), suite=_name_suite(run.suite.folder), options=options)
     can_drive = all(_can_drive(agent) for agent in config.agents) and config.options.clock == IDEAL
     return followed, path, _list_agents(config, scenario, setup.seed) if can_drive else {}
+
+
+def _follow_take(setup: DriveSetup, config: RunConfig) -> DriveSetup:
+    """Return the setup with the agents that drive in a take, and with what its cars send; else that of any run."""
+    if config.agent.agent != HUMAN:
+        return setup
+    on_board = HumanAgent(config.agent.config)
+    substitutes = dict.fromkeys((*setup.substitutes, *on_board.substitutes))
+    return replace(setup, substitutes=tuple(substitutes), v2x="sharing" if on_board.has_v2x else "off")
 
 
 def _can_drive(agent: AgentSpec) -> bool:

@@ -80,3 +80,33 @@ def test_a_run_of_an_agent_that_is_not_built_in_is_entered_by_its_replies(suite:
 
     with pytest.raises(InputError, match="tick: expected one before its end"):
         run_drive(enter_too_late)
+
+
+def test_a_take_with_other_agents_than_the_drive_is_entered(suite: Path, tmp_path: Path) -> None:
+    """The agents that drove in it drive again, and its cars send what they sent."""
+    take = tmp_path / "first" / "takes" / "1"
+
+    async def drive(session: DriveSession) -> None:
+        await session.open(make_setup(take.parents[1], suite, substitutes=("single",), v2x="off"))
+        await session.drive_to(10)
+        await session.process.hand_over("0", "single")
+        await session.drive_to(20)
+        await session.close()
+
+    run_drive(drive)
+
+    async def enter(session: DriveSession) -> None:
+        await session.open(make_setup(tmp_path / "second", suite, from_run=take, from_tick=15))
+        assert session.process.facts.agents == ("sharing", "single")
+        await session.drive_to(25)
+        await session.process.branch(1, 18)
+        await session.wait_for(lambda: session.frames[-1].take == 2)
+        await session.drive_to(22)
+        await session.close()
+        assert session.problems == []
+
+    run_drive(enter)
+    for number in (1, 2):
+        record = load_recorded(tmp_path / "second" / "takes" / str(number))
+        assert (record.digests[:15] == load_recorded(take).digests[:15]).all()
+        verify(tmp_path / "second" / "takes" / str(number))
