@@ -237,6 +237,8 @@ class TakeOut(_Model):
     """Driving score, mean of the CAVs, in percent; None before it is scored."""
     ds: dict[str, float] = Field(default_factory=dict)
     """Driving score by CAV."""
+    losses: dict[str, str] = Field(default_factory=dict)
+    """What cost score, in words, by CAV."""
     folder: str = ""
     """Run folder, relative to the drive's, for `view`, `verify` and the others."""
 

@@ -60,6 +60,7 @@ def list_takes(tree: TakeTree, frame: DriveFrame | None) -> list[TakeOut]:
             end_tick=_find_end(take, frame),
             score=take.score,
             ds=dict(take.ds),
+            losses=dict(take.losses),
             folder=str(tree.find_folder(take.number).relative_to(tree.folder)),
         )
         for _, take in sorted(tree.takes.items())

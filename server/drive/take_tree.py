@@ -18,12 +18,14 @@ from mdrive_sumo.core.output_files import make_folder, write_text
 TREE_FILE = "tree.json"
 TREE_FORMAT = "mdrive-sumo/drive/1"
 TAKES_FOLDER = "takes"
-MAX_TREE_BYTES = 2**26
-"""A take has about 300 bytes."""
+MAX_TREE_BYTES = 2**27
+"""A take has about 400 bytes."""
 MAX_TAKES = 100_000
 MAX_NUMBER = 2**31
 MAX_TAKE = 2**30
 """Largest number of a take in a file: those that a drive adds still fit a frame (`protocol`), and can be read again."""
+MAX_LOSSES_LENGTH = 200
+"""Of what cost one CAV score, in words."""
 MAX_NAME_LENGTH = 80
 """Of a CAV or a driver, as in requests (`messages.Name`)."""
 
@@ -60,6 +62,8 @@ class Take:
     score: float | None = None
     """Driving score, mean of the CAVs, 0 to 100, once it is finished."""
     ds: Mapping[str, float] = field(default_factory=dict[str, float])
+    losses: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What cost score, in words, by CAV; without those that lost nothing."""
     """Driving score by CAV, once it is finished."""
 
 
@@ -159,6 +163,7 @@ def _parse_take(path: Path, row: object) -> Take:
         end_tick=_read_optional(place, row, "end_tick"),
         score=_read_score(place, row),
         ds=_read_mapping(place, row, "ds", _is_score),
+        losses=_read_mapping(place, row, "losses", _is_text),
     )
 
 
@@ -183,6 +188,10 @@ def _read_mapping(place: str, row: Mapping[str, Any], name: str, is_sound: Calla
 
 def _is_name(value: object) -> bool:
     return isinstance(value, str) and len(value) <= MAX_NAME_LENGTH and value.isprintable()
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= MAX_LOSSES_LENGTH and value.isprintable()
 
 
 def _is_score(value: object) -> bool:

@@ -279,6 +279,7 @@ class DrivePageServer:
         self.state = FrameState.FINISHED
         self.takes[self.take - 1] |= {
             "end_tick": self.tick_number, "status": "finished", "score": 87.5, "ds": {"ego_0": 75.0, "ego_1": 100.0},
+            "losses": {"ego_0": "hit a building at 15.2 m/s"},
         }  # fmt: skip
         self.extra = {"endings": {"ego_0": "arrived", "ego_1": "blocked"}}
         self.send_frame()

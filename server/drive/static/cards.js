@@ -54,15 +54,18 @@ function endBody({ score, take, takes, welcome, isDriver }, endings) {
   const total = stored?.score ?? score?.ds;
   if (typeof total === "number") body.push(bigNumber(total));
   const list = make("dl", "facts");
-  for (const [cav, word] of Object.entries(endings)) {
+  for (const cav of new Set([...Object.keys(endings), ...Object.keys(stored?.ds ?? {})])) {
+    const word = endings[cav]; // none for who had not ended when the take was ended early
     const ds = stored?.ds?.[cav] ?? score?.cavs?.[cav];
-    list.append(make("dt", "", nameCav(cav)), make("dd", word === "arrived" ? "good" : "bad", [word, typeof ds === "number" ? `driving score ${ds.toFixed(1)}` : ""].filter(Boolean).join(", ")));
+    list.append(make("dt", "", nameCav(cav)), make("dd", word ? (word === "arrived" ? "good" : "bad") : "", [word, typeof ds === "number" ? `driving score ${ds.toFixed(1)}` : ""].filter(Boolean).join(", ")));
+    const losses = stored?.losses?.[cav];
+    if (losses) list.append(make("dt"), make("dd", "muted", losses));
   }
   body.push(list);
   if (isDriver && welcome.may_rewind) body.push(paragraph("Drag the time back to try again from there."));
   if (stored?.folder && !welcome.return_path) {
     const commands = ["explain", "view", "verify"].map((command) => `mdrive-sumo ${command} ${stored.folder}`);
-    body.push(paragraph("What cost score, the replay, and a check, in the folder of the drive:"), make("pre", "", commands.join("\n")));
+    body.push(paragraph("The story of this take, its replay, and a check, in the folder of the drive:"), make("pre", "", commands.join("\n")));
   }
   return body;
 }

@@ -131,6 +131,8 @@ class TakeFinished:
     end_tick: int
     score: float
     ds: Mapping[str, float]
+    losses: Mapping[str, str]
+    """What cost score, in words, by CAV."""
     left_tick: int | None
     motion: bytes
     """See `motion.pack_motion`."""

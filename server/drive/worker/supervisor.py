@@ -401,6 +401,7 @@ class DriveSupervisor:
             left_tick=message.left_tick,
             score=message.score,
             ds=dict(message.ds),
+            losses=dict(message.losses),
         )
         left = message.left_tick is not None
         self._server.send(TakeEnded(message.take, message.end_tick, message.score, message.ds, left))

@@ -13,11 +13,15 @@ import time
 import traceback
 from typing import NoReturn
 
+from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.state import TICKS_PER_SECOND
+from mdrive_sumo.report.run_page.losses import list_losses
 from mdrive_sumo.runs.takes import HUMAN, Action, DriverChoice, write_take
+from mdrive_sumo.scoring import ScenarioResult
 from server.drive.message_socket import MessageSocket
 from server.drive.simulation_values import CallAnswer, DriveCall, DriveProblem, WhatIfBranch
+from server.drive.take_tree import MAX_LOSSES_LENGTH
 from server.drive.worker.drive_context import DriveContext
 from server.drive.worker.journaled_take import JournaledTake
 from server.drive.worker.live_take import LiveTake, find_checkpoint_ticks
@@ -265,7 +269,8 @@ class TakeProcess:
         ds = {ego.id: ego.ds for ego in result.egos}
         number, last = self._order.header.take, record.ticks - 1
         motion = pack_motion(number, self.simulation.frames, self._context.cavs)
-        self._connection.send(TakeFinished(number, last, result.ds, ds, take.left_tick, motion))
+        losses = describe_losses(result)
+        self._connection.send(TakeFinished(number, last, result.ds, ds, losses, take.left_tick, motion))
 
     def _wait_for_room(self, text: str) -> None:
         """Say once that a file cannot be written, and wait."""
@@ -308,3 +313,11 @@ class TakeProcess:
         endings = {cav: str(ending.end) for cav, ending in simulation.episode.endings.items()}
         branch = WhatIfBranch(order.agent, order.header.take, order.header.tick, tracks, endings, contacts)
         self._connection.send(WhatIfDone(branch))
+
+
+def describe_losses(result: ScenarioResult) -> dict[str, str]:
+    """Return what cost score, in words, by CAV; without those that lost nothing."""
+    cavs = {ego.id for ego in result.egos}
+    texts = {ego.id: "; ".join(loss.text for loss in list_losses(ego, cavs, None)) for ego in result.egos}
+    clean = {cav: "".join(letter if letter.isprintable() else " " for letter in text) for cav, text in texts.items()}
+    return {cav: truncate(text, MAX_LOSSES_LENGTH) for cav, text in clean.items() if text}

@@ -71,6 +71,8 @@ def change(**values: Any) -> dict[str, Any]:
         (change(number=2**30 + 1), "expected numbers from 1 on"),
         (change(drivers={"a": "\ud800"}), "drivers: expected an object of CAVs"),
         (change(drivers={"\udfff": "human"}), "drivers: expected an object of CAVs"),
+        (change(losses={"a": 1}), "losses: expected an object of CAVs"),
+        (change(losses={"a": "x" * 201}), "losses: expected an object of CAVs"),
         (change(ds={"a": float("nan")}), "ds: expected an object of CAVs"),
         (change(ds={"a": 1e300}), "ds: expected an object of CAVs"),
         (change(score=101), "score: expected a number from 0 to 100"),

@@ -180,7 +180,13 @@ def test_the_end_has_scores_and_commands(opened: Opened) -> None:
     wait_until(page, "document.body.dataset.mode === 'finished'")
     assert page.is_visible("#card")
     card = page.inner_text("#card")
-    for text in ("87.5", "mdrive-sumo verify takes/1", "Drag the time back", "blocked, driving score 100.0"):
+    for text in (
+        "87.5",
+        "mdrive-sumo verify takes/1",
+        "Drag the time back",
+        "blocked, driving score 100.0",
+        "hit a building",
+    ):
         assert text in card
     assert page.evaluate(CONTRAST)["below"] == []
 

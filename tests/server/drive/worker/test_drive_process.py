@@ -212,6 +212,9 @@ def test_a_drive_tells_its_takes(suite: Path, tmp_path: Path) -> None:
         assert [(event.take, event.parent, event.tick) for event in session.select(TakeStarted)] == [(1, None, 0)]
         (ended,) = session.select(TakeEnded)
         assert set(ended.ds) == {"0", "1"}
+        losses = session.process.tree.takes[1].losses
+        assert set(losses) == {cav for cav, score in ended.ds.items() if score < 100}
+        assert all(losses.values())
         assert 0 <= ended.score <= 100
         assert not ended.is_left
         assert session.frames[-1].state is FrameState.FINISHED
