@@ -85,7 +85,7 @@ window.measure = (mode, seconds) => new Promise((done) => {{
 def write_page(suite: str, scenario_id: str, users: int) -> str:
     """Return the page with the scene of a scenario and lanes for the road users."""
     loaded = load_suite(suite)
-    scenario = loaded[scenario_id] if scenario_id else loaded[0]
+    scenario = loaded.select(scenario_id or "*")[0]
     roads = load_road_map(find_network_folder(scenario.network, loaded.find_folder(scenario.id)))
     route = np.concatenate([ego.xy for ego in scenario.egos])
     origin = np.rint(route[0])
