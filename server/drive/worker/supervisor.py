@@ -9,7 +9,6 @@ import gc
 import pickle
 import select
 import socket
-from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -40,7 +39,6 @@ from server.drive.worker.drive_folder import (
 from server.drive.worker.motion import MotionCache, make_motion_sender
 from server.drive.worker.orders import (
     CheckpointMade,
-    FinishOrder,
     LeaveOrder,
     Provenance,
     TakeDropped,
@@ -52,17 +50,12 @@ from server.drive.worker.orders import (
     WhatIfDone,
     make_order,
 )
-from server.drive.worker.take_journal import summarize_journal
 from server.drive.worker.take_process import TAKE_IS_OVER
+from server.drive.worker.waiting_takes import WaitingTakes
 from server.drive.worker.what_if_calls import WhatIfCalls
 
 RETRY_S = 2.0
 """Time after which a tree that could not be written is written again [s]."""
-MAX_LEFT = 32
-"""Processes of takes that wait for their turn to be finished: 8 MB each. Of more, the oldest end, and their takes are
-finished from their journals, which takes longer."""
-MAX_LOST = 3
-"""Processes of a take that may end before their time: what ends them again and again will not stop doing so."""
 PASSED_CALLS = ("pause", "resume", "hand_over", "say")
 """Calls that the process of the live take answers."""
 
@@ -78,17 +71,18 @@ class DriveSupervisor:
         self._live: Child | None = None
         self._starting: tuple[Child, int] | None = None
         """The process of a take that begins, and the number of the call that waits for it."""
-        self._earlier: list[tuple[int, Provenance | None]] = []
-        """Takes without a process that wait for their turn to be finished, and with what people drove them; None: in an
-        earlier session."""
-        self._lost = Counter[int]()
-        """How often the process of a take has ended before its time; another one finishes it."""
         self._finish_calls: list[int] = []
         self._provenance = Provenance("unknown", 0.0)
         self._last_take = 0
         self._motions = MotionCache()
         self._slots = max(1, count_available_cores() - 1)
         """Processes that work in the background at a time: one core is left to the live take."""
+        self._waiting = WaitingTakes(
+            self._children,
+            self._slots,
+            lambda take, count: self._make_order(take, take, count, TakeMode.FINISH),
+            lambda order: self._start(order, ChildRole.FINISHING),
+        )
         self._what_ifs = WhatIfCalls(self._children, self._slots, lambda order: self._start(order, ChildRole.HELPING))
 
     def run(self) -> None:
@@ -144,7 +138,7 @@ class DriveSupervisor:
         self._provenance = Provenance(setup.device, 0.0)
         tree = open_tree(context.setup, context.describe())
         found = find_unfinished(tree)
-        self._earlier = [(take, None) for take in found.takes]
+        self._waiting.add(found.takes)
         self._stored = StoredTree(found.tree, self._server.send)
         gc.collect()
         gc.freeze()  # else the first collection of each fork would write to, and so copy, all that they share
@@ -259,46 +253,12 @@ class DriveSupervisor:
             self._give_turns()
 
     def _give_turns(self) -> None:
-        """Let takes that were left be finished, as many at a time as there are slots; answer `finish` after the last.
-
-        What people wait for goes first: what-if branches.
-        """
-        busy = self._children.count(ChildRole.FINISHING, ChildRole.HELPING)
-        for child in [one for one in self._children if one.role is ChildRole.LEFT][: max(0, self._slots - busy)]:
-            child.role = ChildRole.FINISHING
-            busy += 1
-            child.tell(FinishOrder())
-        while self._earlier and busy < self._slots and self._starting is None:
-            busy += self._finish_earlier(*self._earlier.pop(0))
-        left = [one for one in self._children if one.role is ChildRole.LEFT]
-        for child in left[: max(0, len(left) - MAX_LEFT)]:
-            child.role = ChildRole.ASIDE
-            child.connection.end()
-        waiting = (ChildRole.LEFT, ChildRole.ASIDE, ChildRole.FINISHING)
-        is_idle = not self._earlier and not self._children.count(*waiting)
+        """Let takes that were left be finished; answer `finish` after the last."""
+        is_idle = self._waiting.give_turns(self.stored, self._server, is_starting=self._starting is not None)
         if is_idle and self._starting is None:
             for number in self._finish_calls:
                 self._answer(number)
             self._finish_calls = []
-
-    def _finish_earlier(self, take: int, provenance: Provenance | None) -> bool:
-        """Start the process that finishes a take from its journal; return whether that can be read."""
-        try:
-            _, count = summarize_journal(self.tree.find_journal(take))
-            stored = self.tree.find(take)
-            if stored.parent is not None and count <= stored.tick:  # nothing was driven
-                self._children.ladder.move_take(take, stored.parent)
-                self.stored.drop(take)
-                return False
-            order = self._make_order(take, take, count, TakeMode.FINISH)
-        except InputError as error:
-            self.stored.change(take, status=TakeStatus.VOID)
-            self._server.send(DriveProblem(f"take {take} cannot be finished: {error}"))
-            return False
-        child = self._start(order, ChildRole.FINISHING)
-        if provenance is not None:
-            child.tell(provenance)
-        return True
 
     # --------------------------------------------------------------------------------------------------- processes
 
@@ -416,14 +376,12 @@ class DriveSupervisor:
             self._children.ladder.drop_take(child.take)
             self._answer(number, None, "the process of the take has ended; try again")
         elif child.role is ChildRole.ASIDE:
-            self._earlier.append((child.take, self._provenance))
+            self._waiting.add((child.take,), self._provenance)
         elif child.role in (ChildRole.LIVE, ChildRole.LEFT, ChildRole.FINISHING):
             if child is self._live:
                 self._live = None
             self.stored.change(child.take, status=TakeStatus.LEFT)
-            self._lost[child.take] += 1
-            if self._lost[child.take] <= MAX_LOST:
-                self._earlier.append((child.take, self._provenance))
+            self._waiting.add_lost(child.take, self._provenance)
             text = f"the process of take {child.take} has ended; its actions are kept: go back to a tick to drive on"
             self._server.send(DriveProblem(text))
         self._give_turns()
