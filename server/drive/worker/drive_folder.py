@@ -23,6 +23,7 @@ FROM_RUN = "from_run"
 LOCK_WAIT_S = 10.0
 """How long the processes of a killed drive may take to end [s]: they notice it between two ticks."""
 LOCK_PAUSE_S = 0.1
+"""Between two tries to lock the folder [s]; chosen: a person does not notice it."""
 
 
 def restore_setup(setup: DriveSetup) -> DriveSetup:
