@@ -19,6 +19,8 @@ WideCoordinate = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
 """Of a log's own frame, which may be that of a map projection."""
 Ring = Annotated[tuple[tuple[WideCoordinate, WideCoordinate], ...], Field(min_length=3)]
 """Corners [m] of a closed line; the last differs from the first."""
+OpenLine = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=2)]
+"""Points [m] of a line, in the direction in which vehicles stand on it."""
 
 
 class _Part(BaseModel):
@@ -47,6 +49,33 @@ class DrivableArea(_Part):
     def polygon(self) -> shapely.Polygon:
         """The area as a polygon with holes."""
         return shapely.Polygon(self.outline, self.holes)
+
+
+class ParkingRow(_Part):
+    """Where vehicles park: one behind the other along a street, or alone in a stall of a car park."""
+
+    id: str
+    line: OpenLine
+    """Centre line of the row or stall."""
+    width_m: float = Field(gt=0, le=10)
+
+    @property
+    def xy(self) -> Float:
+        """Points (N, 2) [m] of the centre line."""
+        return np.array(self.line)
+
+
+class BusStop(_Part):
+    """Where a bus stops: on `lane`, between both ends of the line."""
+
+    id: str
+    lane: str
+    line: OpenLine
+
+    @property
+    def xy(self) -> Float:
+        """Points (N, 2) [m] of the centre line."""
+        return np.array(self.line)
 
 
 class StopSignBox(_Part):
@@ -79,13 +108,16 @@ class NetworkFile(_Part):
     """None: unknown (the report says 'signs unknown'); (): there are none."""
     drivable_areas: tuple[DrivableArea, ...] = ()
     """Of converted logs, from the HD map and from where the log's vehicles drive and park; for pictures."""
+    parking: tuple[ParkingRow, ...] = ()
+    """Of drawn places: where parked vehicles may stand."""
+    bus_stops: tuple[BusStop, ...] = ()
 
     @model_serializer(mode="wrap")
-    def _omit_missing_areas(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out areas and origin if there are none: checksums of networks without them stay as they were."""
+    def _omit_missing_parts(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out origin and parts of which there are none: networks without them keep their checksums."""
         plain: dict[str, Any] = serialize(self)
-        unset = {"drivable_areas": not self.drivable_areas, "log_origin": self.log_origin is None}
-        return {key: value for key, value in plain.items() if not unset.get(key)}
+        optional = ("drivable_areas", "log_origin", "parking", "bus_stops")
+        return {key: value for key, value in plain.items() if key not in optional or getattr(self, key)}
 
 
 def read_network_file(folder: Path) -> NetworkFile:

@@ -25,8 +25,10 @@ from mdrive_sumo.roads.lane_search import LineSegments, build_line_segments, fin
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
     Building,
+    BusStop,
     DrivableArea,
     NetworkFile,
+    ParkingRow,
     StopSignBox,
     compute_net_checksum,
     read_network_file,
@@ -99,6 +101,9 @@ class RoadMap:
     """Asphalt beyond the lanes, for pictures."""
     log_origin: tuple[float, float] = (0.0, 0.0)
     """Origin of a converted log that was shifted, in the frame of the log [m]."""
+    parking: tuple[ParkingRow, ...] = ()
+    """Where parked vehicles may stand."""
+    bus_stops: tuple[BusStop, ...] = ()
 
     @property
     def net_file(self) -> Path:
@@ -225,6 +230,8 @@ def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: boo
         ),
         drivable_areas=about.drivable_areas,
         log_origin=about.log_origin or (0.0, 0.0),
+        parking=about.parking,
+        bus_stops=about.bus_stops,
     )
 
 
