@@ -1,0 +1,162 @@
+"""Background vehicles that drive or queue at the start, and those that enter later."""
+
+import math
+import random
+from collections.abc import Iterator, Sequence
+
+from mdrive_sumo.core import portable
+from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.scenario.background import BackgroundVehicle
+from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.worlds.traffic.lane_walk import draw_lane_chain, find_entries, list_edges
+from mdrive_sumo.worlds.traffic.occupancy import TakenGround, build_lane_box
+from mdrive_sumo.worlds.traffic.traffic_demand import TrafficDemand
+from mdrive_sumo.worlds.traffic.vehicle_classes import LARGE, LARGE_LANE_M, VEHICLE_CLASSES, build_vehicle
+
+LEAST_HEADWAY_S = 1.8
+"""[s] Least time between two vehicles of a stream: SUMO's drivers keep 1 s and 2.5 m, heavy ones 1.4 s."""
+CRUISE_SHARE = 0.8
+"""Speed at the start as a share of the limit: SUMO draws desired speeds from 0.8 to 1.2 of it, refuses more."""
+STOP_DECEL, STOP_REACTION_S = 3.0, 1.2
+"""[m/s2], [s] A vehicle starts so slowly that it can stop like this before the end of its lane: SUMO inserts none that
+cannot stop before a junction that it may have to wait at."""
+QUEUE_GAP_M = (2.6, 4.0)
+"""[m] Gaps of a queue that stands: SUMO's drivers stop 2.5 m behind each other; more of them is chosen."""
+QUEUE_END_M = (1.2, 2.5)
+"""[m] Of the first vehicle of a queue from the end of its lane, the stop line."""
+FIRST_FRONT_M = 0.6
+"""[m] Free length behind a vehicle that enters: its rear is on the lane, as SUMO wants it."""
+
+
+def draw_class(demand: TrafficDemand, lane: Lane, rng: random.Random) -> str:
+    """Return the name of a class that may drive on a lane."""
+    fits = lane.width >= LARGE_LANE_M
+    weights = [0.0 if name in LARGE and not fits else weight for name, weight in demand.classes.items()]
+    return rng.choices(list(demand.classes), weights)[0]
+
+
+def compute_start_speed(lane: Lane, to_end_m: float, top: float | None) -> float:
+    """Return the speed [m/s] of a vehicle at the start, from which it can stop before the end of its lane."""
+    room = max(to_end_m - 1.0, 0.0)
+    braking = STOP_DECEL * (portable.hypot(STOP_REACTION_S, math.sqrt(2 * room / STOP_DECEL)) - STOP_REACTION_S)
+    return round(max(min(CRUISE_SHARE * lane.speed_limit, braking, 0.95 * (top or math.inf)), 0.0), 2)
+
+
+def draw_headway(demand: TrafficDemand, rng: random.Random) -> float:
+    """Return a time [s] between two vehicles of a stream: the least one and an exponential rest."""
+    return LEAST_HEADWAY_S + rng.expovariate(1.0 / max(3600.0 / demand.flow_per_lane - LEAST_HEADWAY_S, 0.05))
+
+
+def draw_present(
+    roads: RoadMap, demand: TrafficDemand, taken: TakenGround, rng: random.Random
+) -> Iterator[BackgroundVehicle]:
+    """Return the vehicles that are on the road at the start: queues before junctions, and streams."""
+    for lane in sorted(roads.driving, key=lambda one: one.id):
+        if lane.junction:
+            continue
+        front = lane.centre.length
+        if _may_have_to_wait(roads, lane) and rng.random() < demand.queue_share:
+            queue = list(_draw_queue(roads, lane, demand, taken, rng))
+            yield from queue
+            if queue:
+                front = queue[-1].depart_pos_m - queue[-1].length
+        yield from _draw_stream(roads, lane, front, demand, taken, rng)
+
+
+def _may_have_to_wait(roads: RoadMap, lane: Lane) -> bool:
+    """Return whether a junction follows at which a queue can stand: one that offers more than one way."""
+    return any(roads.lanes[id_].junction for id_ in lane.successors)
+
+
+def _draw_queue(
+    roads: RoadMap, lane: Lane, demand: TrafficDemand, taken: TakenGround, rng: random.Random
+) -> Iterator[BackgroundVehicle]:
+    front = lane.centre.length - rng.uniform(*QUEUE_END_M)
+    for _ in range(rng.randint(1, demand.longest_queue)):
+        name = draw_class(demand, lane, rng)
+        vehicle = _place(roads, lane, name, front, 0.0, demand, taken, rng)
+        if vehicle is None:
+            return
+        yield vehicle
+        front -= vehicle.length + rng.uniform(*QUEUE_GAP_M)
+
+
+def _draw_stream(
+    roads: RoadMap, lane: Lane, end: float, demand: TrafficDemand, taken: TakenGround, rng: random.Random
+) -> Iterator[BackgroundVehicle]:
+    """Return the vehicles that drive on a lane before `end` [m], from its end back."""
+    front = end - rng.random() * draw_headway(demand, rng) * CRUISE_SHARE * lane.speed_limit
+    while True:
+        name = draw_class(demand, lane, rng)
+        kind = VEHICLE_CLASSES[name]
+        if front < kind.length + FIRST_FRONT_M:
+            return
+        speed = compute_start_speed(lane, end - front, kind.driving.max_speed)
+        vehicle = _place(roads, lane, name, front, speed, demand, taken, rng)
+        if vehicle is not None:
+            yield vehicle
+        front -= kind.length + draw_headway(demand, rng) * CRUISE_SHARE * lane.speed_limit
+
+
+def _place(
+    roads: RoadMap,
+    lane: Lane,
+    name: str,
+    front: float,
+    speed: float,
+    demand: TrafficDemand,
+    taken: TakenGround,
+    rng: random.Random,
+) -> BackgroundVehicle | None:
+    """Return a vehicle at a station [m] of a lane, whose place is taken then; None if it is not free."""
+    kind = VEHICLE_CLASSES[name]
+    if front < kind.length + FIRST_FRONT_M or taken.is_kept_free(lane.id, front - kind.length, front):
+        return None
+    box = build_lane_box(roads, lane.id, front, (kind.length, kind.width))
+    if not taken.is_free(box):
+        return None
+    taken.take(box)
+    edges = list_edges(roads, draw_lane_chain(roads, lane.id, demand.turn_shares, rng))
+    return build_vehicle(name, edges, depart_lane=lane.index, depart_pos_m=round(front, 2), depart_speed=speed)
+
+
+def draw_entering(roads: RoadMap, demand: TrafficDemand, rng: random.Random) -> Iterator[BackgroundVehicle]:
+    """Return the vehicles that enter at the ends of the network until `entry_s`."""
+    for id_ in find_entries(roads):
+        lane = roads.lanes[id_]
+        depart_s = rng.random() * draw_headway(demand, rng) + LEAST_HEADWAY_S
+        while depart_s < demand.entry_s:
+            name = draw_class(demand, lane, rng)
+            kind = VEHICLE_CLASSES[name]
+            front = round(kind.length + FIRST_FRONT_M, 2)
+            if front > lane.centre.length:
+                break
+            edges = list_edges(roads, draw_lane_chain(roads, id_, demand.turn_shares, rng))
+            speed = compute_start_speed(lane, lane.centre.length - front, kind.driving.max_speed)
+            yield build_vehicle(
+                name,
+                edges,
+                depart_s=round(depart_s, 2),
+                depart_lane=lane.index,
+                depart_pos_m=front,
+                depart_speed=min(speed, round(0.6 * lane.speed_limit, 2)),
+            )
+            depart_s += draw_headway(demand, rng) + kind.length / 8.0
+
+
+def select_nearest(
+    roads: RoadMap, vehicles: Sequence[BackgroundVehicle], egos: Sequence[Ego], most: int
+) -> list[BackgroundVehicle]:
+    """Return at most `most` vehicles, in their order: those that start nearest to a CAV and earliest."""
+    if len(vehicles) <= most or not egos:
+        return list(vehicles[:most])
+    starts = [(ego.start.x, ego.start.y) for ego in egos]
+
+    def compute_remoteness(k: int) -> tuple[float, int]:
+        one = vehicles[k]
+        x, y = roads.lanes[f"{one.edges[0]}_{one.depart_lane}"].centre.at(one.depart_pos_m)
+        near = min(portable.hypot(x - x0, y - y0) for x0, y0 in starts)
+        return near + one.depart_s * 10.0, k  # a second later is like 10 m further: the mean speed in a town
+
+    kept = sorted(sorted(range(len(vehicles)), key=compute_remoteness)[:most])
+    return [vehicles[k] for k in kept]

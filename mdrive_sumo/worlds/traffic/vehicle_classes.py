@@ -1,0 +1,48 @@
+"""Classes of background vehicles: their boxes and how they are driven."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleClass:
+    """Length and width [m] of the box, without mirrors, and car following."""
+
+    length: float
+    width: float
+    driving: CarFollowing
+
+
+VEHICLE_CLASSES: Mapping[str, VehicleClass] = {
+    "car": VehicleClass(4.6, 1.85, CarFollowing(sigma=0.2)),
+    "van": VehicleClass(5.9, 2.0, CarFollowing(sigma=0.2, accel=2.0)),
+    "truck": VehicleClass(9.5, 2.5, CarFollowing(sigma=0.2, accel=1.2, decel=4.0, tau_s=1.4, max_speed=24.0)),
+    "bus": VehicleClass(12.0, 2.55, CarFollowing(sigma=0.2, accel=1.2, decel=4.0, tau_s=1.4, max_speed=27.0)),
+    "motorcycle": VehicleClass(2.2, 0.8, CarFollowing(sigma=0.2, accel=4.0)),
+    "emergency": VehicleClass(6.2, 2.1, CarFollowing(sigma=0.0, accel=2.6, tau_s=0.8)),
+}
+"""Boxes are those of the hard tier; the ambulance is that of EN 1789, type C, rounded. Trucks are governed at 86 to 90
+km/h and buses at 100 km/h (EU directives 92/6/EEC and 2002/85/EC). Heavy vehicles accelerate less, motorcycles more,
+and drivers are more even than SUMO's (sigma 0.5), so that less of an outcome is chance: chosen."""
+LARGE = frozenset({"truck", "bus"})
+"""Their boxes cut corners: they drive on lanes of `LARGE_LANE_M` only."""
+LARGE_LANE_M = 3.0
+"""[m] Least width of a lane for trucks and buses: RASt 06 builds carriageways for buses of lanes of 3.0 m or more."""
+
+
+def build_vehicle(class_name: str, edges: tuple[str, ...], **fields: object) -> BackgroundVehicle:
+    """Return a vehicle of a class without a final id; `fields`: departure and whatever else differs."""
+    kind = VEHICLE_CLASSES[class_name]
+    return BackgroundVehicle.model_validate(
+        {
+            "id": "bg",
+            "edges": edges,
+            "length": kind.length,
+            "width": kind.width,
+            "driving": kind.driving,
+            "depart_s": 0.0,
+            **fields,
+        }
+    )
