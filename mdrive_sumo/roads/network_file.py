@@ -87,6 +87,14 @@ class StopSignBox(_Part):
     length_m: float = Field(gt=0)
 
 
+class YieldSign(_Part):
+    """A yield sign. Its line lies at `line_pos_m` on `lane`."""
+
+    id: str
+    lane: str
+    line_pos_m: float = Field(ge=0)
+
+
 class NetworkFile(_Part):
     """Origin and additions of a network, in the network's own frame."""
 
@@ -111,12 +119,14 @@ class NetworkFile(_Part):
     parking: tuple[ParkingRow, ...] = ()
     """Of drawn places: where parked vehicles may stand."""
     bus_stops: tuple[BusStop, ...] = ()
+    yield_signs: tuple[YieldSign, ...] = ()
+    """Of drawn places. They tell what the junction's rules in the net are; simulations read those."""
 
     @model_serializer(mode="wrap")
     def _omit_missing_parts(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out origin and parts of which there are none: networks without them keep their checksums."""
         plain: dict[str, Any] = serialize(self)
-        optional = ("drivable_areas", "log_origin", "parking", "bus_stops")
+        optional = ("drivable_areas", "log_origin", "parking", "bus_stops", "yield_signs")
         return {key: value for key, value in plain.items() if key not in optional or getattr(self, key)}
 
 

@@ -30,6 +30,7 @@ from mdrive_sumo.roads.network_file import (
     NetworkFile,
     ParkingRow,
     StopSignBox,
+    YieldSign,
     compute_net_checksum,
     read_network_file,
 )
@@ -104,6 +105,7 @@ class RoadMap:
     parking: tuple[ParkingRow, ...] = ()
     """Where parked vehicles may stand."""
     bus_stops: tuple[BusStop, ...] = ()
+    yield_signs: tuple[YieldSign, ...] = ()
 
     @property
     def net_file(self) -> Path:
@@ -232,6 +234,7 @@ def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: boo
         log_origin=about.log_origin or (0.0, 0.0),
         parking=about.parking,
         bus_stops=about.bus_stops,
+        yield_signs=about.yield_signs,
     )
 
 

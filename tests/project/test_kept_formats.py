@@ -37,6 +37,7 @@ from mdrive_sumo.scoring import load_results
 from mdrive_sumo.study.human.human_study_folder import HumanStudyFolder
 from mdrive_sumo.study.need_certificate import read_need
 from mdrive_sumo.study.occlusion_certificate import read_certificates
+from mdrive_sumo.worlds.places import read_place
 from real2sim.pipeline.quality_file import load_quality
 from server.archive import ArchiveLimits, check_archive
 from server.enums import SubmissionState
@@ -69,6 +70,7 @@ READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
     "suite/1": (lambda: load_suite(str(KEPT / "suite")).name, "suite"),
     "scenario/1": (lambda: len(load_scenario(KEPT / "suite/small/scenario.json").background.vehicles), 2),
     "network/1": (lambda: read_network_file(KEPT / "suite/networks/small").name, "small"),
+    "place/1": (lambda: read_place(KEPT).name, "train_tee"),
     "quality/1": (lambda: load_quality(KEPT / "suite/small/quality.json").by_sumo, 2),
     "recipe/1": (lambda: load_recipe(KEPT / "recipe.json").id, "construction_03"),
     "hard-recipe/1": (lambda: load_hard_recipe(KEPT / "hard_recipe.json").family, "emergency-vehicle"),

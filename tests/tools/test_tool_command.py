@@ -17,7 +17,7 @@ from mdrive_sumo.scenario.suite import list_packaged_suites
 from tools.tool_command import replace_changed_files
 
 MODULES = [f"tools.{module.name}" for module in pkgutil.iter_modules(tools.__path__)]
-PARTS = {"tools.docs_site", "tools.seed_runs", "tools.tool_command", "tools.training_networks"}
+PARTS = {"tools.docs_site", "tools.seed_runs", "tools.tool_command"}
 """Modules of tools that are no commands."""
 COMMANDS = sorted({*MODULES} - PARTS)
 WITHOUT_DRY_RUN = {

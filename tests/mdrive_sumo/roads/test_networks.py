@@ -13,7 +13,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, find_network_folder, list_packaged_networks, load_road_map
 from mdrive_sumo.roads.netconvert import find_netconvert, strip_xml_comments
 from mdrive_sumo.roads.network_file import NET_FILE, compute_net_checksum, read_network_file
-from tools.build_networks import build_network, compile_recipe
+from mdrive_sumo.worlds.places.recipe import build_network, compile_recipe
 
 NAMES = sorted(list_packaged_networks())
 LEAST_RADIUS_M = 5.5

@@ -5,7 +5,10 @@ import random
 from collections.abc import Sequence
 
 import numpy as np
+import shapely
+from shapely import ops
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 
 Piece = tuple[float, float]
@@ -22,8 +25,8 @@ def trace_line(start: tuple[float, float], heading: float, pieces: Sequence[Piec
         count = max(math.ceil(length / step), 1) if radius else 1
         for _ in range(count):
             turn = length / count / radius if radius else 0.0
-            chord = 2 * abs(radius) * math.sin(abs(turn) / 2) if radius else length
-            x, y = x + chord * math.cos(heading + turn / 2), y + chord * math.sin(heading + turn / 2)
+            chord = 2 * abs(radius) * portable.sin(abs(turn) / 2) if radius else length
+            x, y = x + chord * portable.cos(heading + turn / 2), y + chord * portable.sin(heading + turn / 2)
             heading += turn
             points.append((x, y))
     return np.array(points, dtype=np.float64).round(1)
@@ -45,3 +48,23 @@ def draw_arm(rng: random.Random, length: float, bend: float) -> list[Piece]:
     arc = rng.uniform(0.35, 0.6) * length
     radius = rng.choice((-1, 1)) * rng.uniform(40.0, 160.0)
     return [(straight, 0.0), (min(arc, abs(radius)), radius), (max(length - straight - arc, 8.0), 0.0)]
+
+
+def offset_line(line: Float, offset_m: float) -> Float:
+    """Return a line (N, 2) [m] parallel to a line, on its left if `offset_m` is positive; its bends must be wider."""
+    steps = np.diff(line, axis=0)
+    normals = np.stack((-steps[:, 1], steps[:, 0]), 1) / portable.hypot(steps[:, 0], steps[:, 1])[:, None]
+    before, after = np.concatenate((normals[:1], normals)), np.concatenate((normals, normals[-1:]))
+    return line + offset_m * (before + after) / (1.0 + portable.dot(before, after))[:, None]
+
+
+def cut_line(line: Float, begin_m: float, end_m: float) -> Float:
+    """Return the part (N, 2) [m] of a line from `begin_m` on to `end_m` before its end."""
+    whole = shapely.LineString(line)
+    return shapely.get_coordinates(ops.substring(whole, begin_m, whole.length - end_m))
+
+
+def measure_line(line: Float) -> float:
+    """Return the length [m] of a line."""
+    steps = np.diff(line, axis=0)
+    return math.fsum(portable.hypot(steps[:, 0], steps[:, 1]).tolist())

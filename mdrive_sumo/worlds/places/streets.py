@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
-from tools.training_networks.network_draft import NetworkDraft, Node, Street
-from tools.training_networks.street_lines import Piece, compute_end_heading, draw_arm, trace_line
+from mdrive_sumo.worlds.places.network_draft import NetworkDraft, Node, Street
+from mdrive_sumo.worlds.places.street_lines import Piece, compute_end_heading, draw_arm, trace_line
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +154,7 @@ def build_motorway(draft: NetworkDraft, curve_m: float) -> None:
 
 def _add_ramp(draft: NetworkDraft, join: Float, heading: float) -> None:
     """Add a ramp that ends as the lane to the right of the two of the carriageway."""
-    side = np.array((math.sin(heading), -math.cos(heading))) * 2 * draft.lane_m
+    side = np.array((portable.sin(heading), -portable.cos(heading))) * 2 * draft.lane_m
     end = (float(join[0] + side[0]), float(join[1] + side[1]))
     line = trace_line(end, heading + math.pi, ((14.0, 0.0), (40.0, 170.0), (60.0, 110.0), (40.0, 0.0)))[::-1]
     draft.nodes.append(Node("ramp_start", float(line[0, 0]), float(line[0, 1])))

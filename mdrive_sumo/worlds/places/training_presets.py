@@ -1,30 +1,18 @@
-"""Write and compile the networks for training: `python -m tools.build_training_networks [NAME...]`.
-
-Each is drawn by its own seed from a plan: angles, bends, lanes, junction types and houses. The files are then recipes
-like those of the other networks (networks/README.md), which `tools.build_networks` compiles.
-"""
+"""Plans of the packaged networks `train_*`, on which scenarios for training drive; the seed of each is its name."""
 
 import random
-import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping
 
-import click
-
-from mdrive_sumo.roads import load_road_map
-from tools.build_networks import build_network
-from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
-from tools.training_networks.junctions import (
+from mdrive_sumo.worlds.places.junctions import (
     JunctionPlan,
     add_turn_lane_connections,
     build_junction,
     build_roundabout,
 )
-from tools.training_networks.network_draft import NetworkDraft
-from tools.training_networks.street_houses import HouseRows, add_houses
-from tools.training_networks.streets import SideStreet, StreetPlan, build_motorway, build_street, build_town
+from mdrive_sumo.worlds.places.network_draft import NetworkDraft
+from mdrive_sumo.worlds.places.street_houses import HouseRows, add_houses
+from mdrive_sumo.worlds.places.streets import SideStreet, StreetPlan, build_motorway, build_street, build_town
 
-NETWORKS_FOLDER = Path(__file__).resolve().parent.parent / "networks"
 CROSS = (0.0, 90.0, 180.0, 270.0)
 CLOSE, NEAR, FAR = HouseRows((1.0, 3.0)), HouseRows((4.0, 9.0)), HouseRows((11.0, 22.0), (8.0, 40.0), (12.0, 30.0))
 SPARSE = HouseRows((5.0, 16.0), (15.0, 50.0), share=0.6)
@@ -78,7 +66,7 @@ def _build_motorway(name: str, description: str) -> NetworkDraft:
     return draft
 
 
-PLANS: Mapping[str, tuple[str, Callable[[str, str], NetworkDraft]]] = {
+TRAINING_PLANS: Mapping[str, tuple[str, Callable[[str, str], NetworkDraft]]] = {
     "train_crossing_narrow": (
         "training: two narrow streets cross between houses at the pavement; priority to the right",
         _build_crossing(JunctionPlan(CROSS, ((1, 1),) * 4, bend=0.5), CLOSE, 3.25),
@@ -221,28 +209,7 @@ PLANS: Mapping[str, tuple[str, Callable[[str, str], NetworkDraft]]] = {
 }
 
 
-def build_training_network(name: str, root: Path = NETWORKS_FOLDER) -> None:
-    """Write the recipe of a training network below `root` and compile it."""
-    description, build = PLANS[name]
-    draft, folder = build(name, description), root / name
-    draft.write_recipe(folder)
-    build_network(folder)
-    if draft.stops:
-        load_road_map.cache_clear()
-        lengths = {lane.id: lane.centre.length for lane in load_road_map(folder).driving if not lane.junction}
-        draft.add_stop_signs(folder, lengths)
-
-
-@click.command(cls=ToolCommand, context_settings=HELP)
-@click.argument("names", nargs=-1, metavar="[NAME]...", type=click.Choice(tuple(PLANS)))
-@dry_run_option
-def main(names: Sequence[str], dry_run: bool) -> None:
-    """Write and compile the named networks for training, or all of them."""
-    for name in names or PLANS:
-        with tempfile.TemporaryDirectory() as scratch:
-            build_training_network(name, Path(scratch))
-            replace_changed_files(Path(scratch, name), NETWORKS_FOLDER / name, dry_run=dry_run)
-
-
-if __name__ == "__main__":
-    main()
+def draw_training_network(name: str) -> NetworkDraft:
+    """Return the draft of a packaged training network."""
+    description, build = TRAINING_PLANS[name]
+    return build(name, description)

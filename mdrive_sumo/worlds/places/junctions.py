@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tools.training_networks.network_draft import NetworkDraft, Node, Street
-from tools.training_networks.street_lines import draw_arm, trace_line
+from mdrive_sumo.core import portable
+from mdrive_sumo.worlds.places.network_draft import NetworkDraft, Node, Street
+from mdrive_sumo.worlds.places.street_lines import draw_arm, trace_line
 
 COMPASS = ("east", "north", "west", "south")
 
@@ -70,8 +71,8 @@ def build_roundabout(draft: NetworkDraft, radius: float, lanes: int, angles_deg:
     """Add a roundabout of a ring with `lanes` lanes and as many on each arm; the ring has priority."""
     half = math.radians(19.0 if lanes == 1 else 17.0)
     base = lanes * draft.lane_m / 2 + 0.55
-    flare = [base + share * (radius * math.sin(half) - base) for share in (0.0, 0.0, 0.22, 0.56, 1.0)]
-    away = [radius + arm_m, radius + 24.0, radius + 15.0, radius + 8.0, radius * math.cos(half)]
+    flare = [base + share * (radius * portable.sin(half) - base) for share in (0.0, 0.0, 0.22, 0.56, 1.0)]
+    away = [radius + arm_m, radius + 24.0, radius + 15.0, radius + 8.0, radius * portable.cos(half)]
     nodes, cuts = list[str](), list[float]()
     for k, angle in enumerate(angles_deg):
         arm, axis = f"arm_{k + 1}", math.radians(angle)
@@ -93,7 +94,7 @@ def build_roundabout(draft: NetworkDraft, radius: float, lanes: int, angles_deg:
 
 
 def _rotate(x: float, y: float, angle: float) -> tuple[float, float]:
-    return x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle)
+    return x * portable.cos(angle) - y * portable.sin(angle), x * portable.sin(angle) + y * portable.cos(angle)
 
 
 def _add_ring(draft: NetworkDraft, radius: float, lanes: int, nodes: Sequence[str], cuts: Sequence[float]) -> None:
@@ -103,7 +104,7 @@ def _add_ring(draft: NetworkDraft, radius: float, lanes: int, nodes: Sequence[st
         begin, end = cuts[k], cuts[(k + 1) % count]
         end += 2 * math.pi if end < begin else 0.0
         angles = np.linspace(begin, end, max(math.ceil((end - begin) * radius / 2.5), 2))
-        line = radius * np.stack((np.cos(angles), np.sin(angles)), 1)
+        line = radius * np.stack((portable.cos(angles), portable.sin(angles)), 1)
         name = f"ring_{k + 1}"
         draft.streets.append(
             Street(name, nodes[k], nodes[(k + 1) % count], line, (lanes, 0), 8.33, 5, 0.0, True, (name, ""))

@@ -1,6 +1,5 @@
 """Houses along the streets of a training network: rows with gaps, at a given distance from the road."""
 
-import math
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
-from tools.training_networks.network_draft import NetworkDraft, Street
+from mdrive_sumo.worlds.places.network_draft import NetworkDraft, Street
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +78,8 @@ def _draw_row(draft: NetworkDraft, street: Street, side: int, rows: HouseRows, r
 def _build_house(line: shapely.LineString, along: tuple[float, float], near: float, far: float) -> Float:
     """Return the rectangle beside the line; the signs of `near` and `far` [m] say on which side (left is positive)."""
     a, b = line.interpolate(along[0]), line.interpolate(along[0] + along[1])
-    yaw = math.atan2(b.y - a.y, b.x - a.x)
-    ahead, left = np.array((math.cos(yaw), math.sin(yaw))), np.array((-math.sin(yaw), math.cos(yaw)))
+    yaw = portable.atan2(b.y - a.y, b.x - a.x)
+    ahead, left = np.array((portable.cos(yaw), portable.sin(yaw))), np.array((-portable.sin(yaw), portable.cos(yaw)))
     begin = np.array((a.x, a.y))
     corners = [begin + near * left, begin + along[1] * ahead + near * left]
     corners += [begin + along[1] * ahead + far * left, begin + far * left]

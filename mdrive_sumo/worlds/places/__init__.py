@@ -1,0 +1,23 @@
+"""Places: parametric road networks, drawn from a seed and compiled by netconvert."""
+
+from mdrive_sumo.worlds.places.check_place import check_place
+from mdrive_sumo.worlds.places.draw_place import draw_place
+from mdrive_sumo.worlds.places.place import Place, PlaceKind
+from mdrive_sumo.worlds.places.place_files import PLACE_FILE, read_place, write_place
+from mdrive_sumo.worlds.places.place_kinds import PLACE_KINDS
+from mdrive_sumo.worlds.places.place_parameters import PLACES_VERSION, between, choose, list_ranges
+
+__all__ = [
+    "PLACES_VERSION",
+    "PLACE_FILE",
+    "PLACE_KINDS",
+    "Place",
+    "PlaceKind",
+    "draw_place",
+    "write_place",
+    "read_place",
+    "check_place",
+    "choose",
+    "between",
+    "list_ranges",
+]
