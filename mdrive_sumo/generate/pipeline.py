@@ -22,11 +22,11 @@ from mdrive_sumo.generate.route_assignment import assign_routes
 from mdrive_sumo.generate.rules import find_rule_violations
 from mdrive_sumo.generate.screening import ScreeningResult, screen_scenario
 from mdrive_sumo.generate.spawn_points import LaneRoutes, SpawnPoint, build_ego, build_route_line, choose_spawn_points
-from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 
 BUCKET = "Interaction"
 DEFAULT_ROUTE_M = 100.0

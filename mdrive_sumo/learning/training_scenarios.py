@@ -19,7 +19,6 @@ from mdrive_sumo.generate.network_features import is_for_training
 from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.template_proposer import propose
-from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.learning.roadside_actors import (
     build_crossing_users,
     build_leading_cyclist,
@@ -37,6 +36,7 @@ from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, KindName
+from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.weather import WeatherName
 from mdrive_sumo.vehicle import dynamics
 

@@ -14,7 +14,6 @@ from mdrive_sumo.core.geometry import Float, Polyline, box_corners
 from mdrive_sumo.generate.hard.family import BUCKET, FamilyCandidate, ScenarioFamily, check_candidate
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.spawn_points import RouteLine, find_conflict_stations
-from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap, build_lane_route, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.checks import check_scenario
@@ -30,6 +29,7 @@ from mdrive_sumo.scenario.scripted_actor import (
     StartMotion,
     Trigger,
 )
+from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 
 BODY_SIZES: Mapping[str, tuple[float, float]] = {
     "car": (4.6, 1.85),

@@ -9,7 +9,6 @@ from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate.validation.hard_validation import HARD_BUCKET, HardValidation, validate_hard_scenario
 from mdrive_sumo.generate.validation.requirements import find_unmet_requirements, has_near_miss
-from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_cost import estimate_cost
@@ -18,6 +17,7 @@ from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.reference_times import ReferenceTicks
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scoring import ScoreMode, find_arrival_ticks, score_episode
 from mdrive_sumo.study.occlusion_certificate import (

@@ -14,10 +14,10 @@ from mdrive_sumo.generate.hard.family_parts import compute_pose, load_network
 from mdrive_sumo.generate.hard.passage_pedestrian import DEEP_M, STREETS, WALL_M, PassageStreet, find_passages
 from mdrive_sumo.generate.network_features import is_hard_tier
 from mdrive_sumo.generate.pipeline import ProposalRejected
-from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.suite import load_suite
 
 POINTS = 5

@@ -16,13 +16,13 @@ from mdrive_sumo.generate.validation import (
     validate_scenario,
 )
 from mdrive_sumo.generate.validation.requirements import find_unmet_requirements
-from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundMode, BackgroundVehicle
 from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE, find_reference_times, save_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, TimeTrigger
+from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite, seal_suite
 from mdrive_sumo.scoring import ScenarioResult, make_void_result
 from mdrive_sumo.study.occlusion_certificate import (

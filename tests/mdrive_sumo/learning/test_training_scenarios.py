@@ -18,13 +18,13 @@ from mdrive_sumo.generate.built_in_drive import drive_episode
 from mdrive_sumo.generate.duplicates import find_duplicate
 from mdrive_sumo.generate.network_features import find_networks, is_for_training, is_hard_tier
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
-from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.learning.training_scenarios import build_training_scenario, list_training_networks
 from mdrive_sumo.learning.training_situations import SITUATIONS
 from mdrive_sumo.roads import find_network_folder, list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario, load_scenario, save_scenario
 from mdrive_sumo.scenario.scripted_actor import StandingMotion
+from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import ScoreMode, score_episode
 

@@ -5,12 +5,12 @@ import math
 import pytest
 
 from mdrive_sumo.core.geometry import Polyline
-from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, Schedule
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import DistanceTrigger, PathMotion, ReplayMotion, StandingMotion
+from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.start_variation import FRONT_M
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scenario.variation import BOUNDS, load_varied_scenario, trim_rows, vary_scenario

@@ -11,10 +11,9 @@ import shapely
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import box_corners
-from mdrive_sumo.loop import VEHICLE
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
-from mdrive_sumo.scenario.checks import TOUCHING_M2, compute_first_pose
+from mdrive_sumo.scenario.checks import CAR, TOUCHING_M2, compute_first_pose
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion, StandingMotion, StartMotion
@@ -49,7 +48,7 @@ def find_spawn_overlaps(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
 
 def _spawn_boxes(scenario: Scenario, roads: RoadMap) -> Iterator[SpawnBox]:
     for ego in scenario.egos:
-        yield _make_box("CAV", ego.id, ego.start, (VEHICLE.length, VEHICLE.width))
+        yield _make_box("CAV", ego.id, ego.start, (CAR.length, CAR.width))
     for vehicle in scenario.background.vehicles:
         if (pose := _departure_pose(vehicle, scenario.background, roads)) is not None:
             yield _make_box("vehicle", vehicle.id, pose, (vehicle.length, vehicle.width))
