@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     from mdrive_sumo.open_loop.results import OpenLoopResults
     from mdrive_sumo.report.replay_page import ReplayPage
     from mdrive_sumo.runs.compare import RunComparison
+    from mdrive_sumo.scenario.packaged_suites import list_suites
     from mdrive_sumo.scenario.scenario import Scenario
-    from mdrive_sumo.scenario.suite import Suite, list_suites, load_suite
+    from mdrive_sumo.scenario.suite import Suite, load_suite
 
 __all__ = [
     # scenarios
@@ -72,7 +73,7 @@ __all__ = [
 _MODULE_BY_NAME = {
     "Scenario": "scenario.scenario",
     "Suite": "scenario.suite",
-    "list_suites": "scenario.suite",
+    "list_suites": "scenario.packaged_suites",
     "load_suite": "scenario.suite",
     "Simulation": "api.simulation",
     "evaluate": "api.evaluation",

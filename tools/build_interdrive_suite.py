@@ -21,9 +21,10 @@ import click
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import copy_file
 from mdrive_sumo.roads import RoadMap, Route, build_lane_route, find_lane_path, find_network_folder, load_road_map
+from mdrive_sumo.scenario.packaged_suites import list_seasons
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
-from mdrive_sumo.scenario.suite import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite, seal_suite
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite, seal_suite
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
 RECIPE_FILE = "recipe.toml"
@@ -125,7 +126,7 @@ def write_suite(folder: Path) -> Suite:
 @dry_run_option
 def main(dry_run: bool) -> None:
     """Write the packaged suite `interdrive` anew from its recipe, `recipe.toml` in its folder."""
-    folder = list_packaged_suites()["interdrive"]
+    folder = list_seasons("interdrive")[0]
     with tempfile.TemporaryDirectory() as scratch:
         copy_file(folder / RECIPE_FILE, Path(scratch, RECIPE_FILE))
         write_suite(Path(scratch))

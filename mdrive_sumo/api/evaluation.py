@@ -16,7 +16,8 @@ from mdrive_sumo.runs.evaluate import evaluate as run_jobs
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.run_config import RunArguments, RunConfig
-from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
+from mdrive_sumo.scenario.packaged_suites import name_packaged_suite
+from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring import Results
 
 
@@ -113,13 +114,13 @@ def _locate(suite: str | Suite, scenario: str) -> tuple[str, str]:
         return suite, scenario
     if not isinstance(cast(object, suite), Suite):
         raise InputError(f"suite: expected a suite, its name or its folder, found {suite!r:.40}")
-    name = suite.name if list_packaged_suites().get(suite.name) == suite.folder else str(suite.folder)
+    name = name_packaged_suite(suite.folder) or str(suite.folder)
     stored = load_suite(name)
     stored_by_id = {one.id: one for one in stored}
     changed = [one.id for one in suite if stored_by_id.get(one.id) != one]
     if changed:
         raise InputError(
-            f"suite {suite.name}: expected scenarios as they are in {suite.folder}, found another {changed[0]!r};"
+            f"suite {suite.label}: expected scenarios as they are in {suite.folder}, found another {changed[0]!r};"
             " save_suite() writes it"
         )
     chosen = suite.select(scenario)

@@ -7,8 +7,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.runs.run_config import read_seed
+from mdrive_sumo.scenario.packaged_suites import list_exact_suites
 from mdrive_sumo.scenario.scenario import Scenario, load_scenario
-from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, list_packaged_suites, load_suite
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, load_suite
 from mdrive_sumo.scenario.variation import vary_scenario
 
 
@@ -44,9 +45,7 @@ def _find_written(scenario: str | Scenario, suite: str | Suite | None) -> Scenar
     if isinstance(scenario, Scenario):
         return ScenarioSource(scenario, load_road_map(find_network_folder(scenario.network, folder)), folder)
     if folder is None:
-        ids = (
-            path.parent.name for suite in list_packaged_suites().values() for path in suite.glob(f"*/{SCENARIO_FILE}")
-        )
+        ids = (path.parent.name for suite in list_exact_suites().values() for path in suite.glob(f"*/{SCENARIO_FILE}"))
         suggestion = suggest_name(str(scenario), ids)
         raise InputError(
             f"scenario {scenario!r}: expected the id of a scenario in a packaged suite, found none{suggestion}"
@@ -60,12 +59,15 @@ def _find_in(suite: Suite, scenario_id: str) -> Scenario:
     if found is None:
         suggestion = suggest_name(scenario_id, (one.id for one in suite))
         raise InputError(
-            f"scenario {scenario_id!r}: expected the id of a scenario in suite {suite.name}, found none{suggestion}"
+            f"scenario {scenario_id!r}: expected the id of a scenario in suite {suite.label}, found none{suggestion}"
         )
     return found
 
 
 def _find_packaged_suite(scenario_id: str) -> Path | None:
-    """Return the folder of the packaged suite that has a scenario; None if none has it. Loads nothing."""
-    folders = list_packaged_suites().values()
+    """Return the folder of the packaged suite that has a scenario, of the newest season; None if none has it.
+
+    Loads nothing.
+    """
+    folders = list_exact_suites().values()
     return next((folder for folder in folders if (folder / scenario_id / SCENARIO_FILE).is_file()), None)

@@ -26,7 +26,8 @@ from mdrive_sumo.generate.hard.hard_selection import ChosenElite, SelectionSetti
 from mdrive_sumo.generate.hard.hard_suite import write_hard_suite
 from mdrive_sumo.generate.hard.suite_aims import find_missed_aims, is_certified, is_on_corridor
 from mdrive_sumo.runs.journal import open_journal
-from mdrive_sumo.scenario.suite import SuiteFile, list_packaged_suites
+from mdrive_sumo.scenario.packaged_suites import list_packaged_suites
+from mdrive_sumo.scenario.suite import SuiteFile
 
 HARD_SUITE = "hard"
 """The packaged suite; a hidden one must not repeat it."""

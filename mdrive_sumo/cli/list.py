@@ -22,9 +22,11 @@ from mdrive_sumo.roads.network_file import NETWORK_FILE, read_network_file
 from mdrive_sumo.runs.run_config import RUNS_FOLDER
 from mdrive_sumo.runs.run_folder import ListedRun, list_runs, load_run_results
 from mdrive_sumo.scenario.categories import FIGURES, Category
+from mdrive_sumo.scenario.packaged_suites import list_packaged_suites, list_seasons
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.season import join_suite_name
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
-from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
+from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring.metrics import METRICS, InfractionMetric
 from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
 from mdrive_sumo.sensing.sensor_kinds import derive_sensing_track
@@ -39,11 +41,13 @@ def _list_suites(_: str) -> str:
 
 
 def _format_suite(suite: Suite) -> str:
-    rows = [(suite.name, *_format_statistics(compute_suite_statistics(suite.scenarios)))]
-    if suite.name in PAPER:
-        rows.append(("in the paper", *_format_statistics(PAPER[suite.name])))
+    rows = [(suite.label, *_format_statistics(compute_suite_statistics(suite.scenarios)))]
+    if suite.about.name in PAPER:
+        rows.append(("in the paper", *_format_statistics(PAPER[suite.about.name])))
     tables = format_text(make_text_table(("suite", *STATISTICS_HEADER), rows))
     parts = [suite.about.title, "", tables, ""]
+    if len(seasons := list_seasons(suite.about.name)) > 1:
+        parts += [f"seasons: {', '.join(join_suite_name(suite.about.name, season) for season in seasons)}", ""]
     if suite.about.parts:
         return "\n".join((*parts, f"parts: {', '.join(suite.about.parts)}"))
     return "\n".join((*parts, _format_categories(suite)))
@@ -98,7 +102,7 @@ def _list_hard_scenarios(suite: Suite, occluded: bool | None) -> str:
     """Return the table of a suite of the hard tier, with its certificates of need."""
     if occluded is not None:
         raise InputError(
-            f"suite {suite.name}: --occluded: expected a suite with {CERTIFICATE_FILE}, found the hard tier"
+            f"suite {suite.label}: --occluded: expected a suite with {CERTIFICATE_FILE}, found the hard tier"
         )
     need = load_need(suite)
     header = ("scenario", "category", "network", *STATISTICS_HEADER[1:2], *STATISTICS_HEADER[3:], "needed", "gain [s]")

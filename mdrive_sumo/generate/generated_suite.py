@@ -11,6 +11,7 @@ from mdrive_sumo.generate.hard.hard_recipe import HardRecipe, build_hard_scenari
 from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
 from mdrive_sumo.runs.evaluate import report_write_errors
+from mdrive_sumo.scenario.packaged_suites import find_suite_folder, list_exact_suites
 from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE
 from mdrive_sumo.scenario.scenario import Scenario, save_scenario
 from mdrive_sumo.scenario.suite import (
@@ -18,7 +19,6 @@ from mdrive_sumo.scenario.suite import (
     SCENARIO_FILE,
     Suite,
     SuiteFile,
-    list_packaged_suites,
     load_suite,
     natural_sort_key,
     save_suite,
@@ -78,7 +78,7 @@ def load_recipes(name_or_folder: str) -> dict[Path, AnyRecipe]:
 
     The scenarios are not read: a suite that was changed since and cannot be loaded can be rebuilt.
     """
-    folder = list_packaged_suites().get(name_or_folder, Path(name_or_folder))
+    folder = find_suite_folder(name_or_folder)
     homes = {path.parent for file in (SCENARIO_FILE, RECIPE_FILE) for path in folder.glob(f"*/{file}")}
     if not homes:
         raise InputError(f"suite {name_or_folder!r}: expected scenarios with recipes in <id>/{RECIPE_FILE}, found none")
@@ -128,6 +128,6 @@ def find_rebuild_differences(recipes: Mapping[Path, AnyRecipe]) -> Iterator[str]
 
 
 def load_packaged_generated() -> tuple[Scenario, ...]:
-    """Return the scenarios of all packaged suites that have recipes."""
-    names = [name for name, folder in list_packaged_suites().items() if any(folder.glob(f"*/{RECIPE_FILE}"))]
-    return tuple(scenario for name in names for scenario in load_suite(name).scenarios)
+    """Return the scenarios of all packaged suites of all seasons that have recipes."""
+    folders = [folder for folder in list_exact_suites().values() if any(folder.glob(f"*/{RECIPE_FILE}"))]
+    return tuple(scenario for folder in folders for scenario in load_suite(str(folder)).scenarios)

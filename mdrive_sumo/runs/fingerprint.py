@@ -21,8 +21,10 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.fingerprint_paths import hide_paths
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.scenario.packaged_suites import name_packaged_suite
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.suite import Suite, list_packaged_suites
+from mdrive_sumo.scenario.season import write_stored_name
+from mdrive_sumo.scenario.suite import Suite
 
 PACKAGES = ("libsumo", "numpy")
 """Besides mdrive-sumo itself: what else decides the bits of an episode."""
@@ -42,8 +44,8 @@ ONNX_RUNTIME = ("onnxruntime", "onnxruntime-gpu")
 def compute_fingerprint(config: RunConfig, suite: Suite, scenarios: tuple[Scenario, ...]) -> Fingerprint:
     """Return the fingerprint of an evaluation. Raises InputError for a missing network."""
     folder = config.find_folder(suite.name)
-    is_packaged = suite.folder == list_packaged_suites().get(config.suite)
-    place = config.suite if is_packaged else str(suite.folder.resolve())
+    packaged = name_packaged_suite(suite.folder)
+    place = write_stored_name(packaged) if packaged else str(suite.folder.resolve())
     return {
         **hide_paths({**config.to_dict(), "suite": place}, folder),
         "suite_checksum": suite.checksum(),

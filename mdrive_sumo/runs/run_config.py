@@ -22,6 +22,7 @@ from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec, format_agent_limits, parse_agent_limits
 from mdrive_sumo.runs.fingerprint_paths import restore_paths
 from mdrive_sumo.runs.other_agents import OtherAgents, parse_other_agents
+from mdrive_sumo.scenario.season import read_stored_name
 from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json
 
@@ -211,6 +212,7 @@ class RunConfig:
             if not isinstance(values.get(key, ""), str):
                 raise TypeError(f"{key}: expected a text, found {values[key]!r:.60}")
         own = {one.field: one.read(values[one.key]) for one in _IDENTITY if one.key in values or one.key not in _LATER}
+        own["suite"] = read_stored_name(own["suite"])
         config = cls(
             agent=AgentSpec(values["agent"], parse_json_object(values["agent_config"], "agent_config")),
             others=OtherAgents.from_dict(values),

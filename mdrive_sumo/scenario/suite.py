@@ -5,18 +5,17 @@ SUITE/<scenario id>/scenario.json   one scenario
 SUITE/networks/<name>/              networks of the suite's own, if any
 
 A suite may instead name others as its parts in `suite.json`: then it has their scenarios, and no folders of its own.
+Suites of a season after the first say which: see `scenario.season`.
 """
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from functools import lru_cache
-from importlib.resources import files
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast, overload
+from typing import TYPE_CHECKING, Annotated, Literal, cast, overload
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -25,16 +24,31 @@ from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_folder, write_text
-from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug_ins
 from mdrive_sumo.core.suggestion import suggest_name
+from mdrive_sumo.scenario.packaged_suites import (
+    SUITE_FILE,
+    find_packaged_suite,
+    find_suite_folder,
+    is_own_suite,
+    list_exact_suites,
+    list_packaged_suites,
+    name_packaged_suite,
+)
 from mdrive_sumo.scenario.scenario import Scenario, load_model, load_scenario, save_scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
+from mdrive_sumo.scenario.season import (
+    SEASON_WORD,
+    Season,
+    get_season,
+    join_suite_name,
+    label_suite,
+    split_suite_name,
+)
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SUITE_FILE = "suite.json"
 SCENARIO_FILE = "scenario.json"
 NETWORKS_FOLDER = "networks"
 LOG_FILE = "log.npz"
@@ -47,6 +61,7 @@ HARD_BUCKET = "Hard"
 """Bucket of the scenarios in which the time counts."""
 ScoreModeName = Literal["mdrive", "interdrive_fixed", "interdrive_asis", "hard"]
 """The values of `scoring.ScoreMode`."""
+PartName = Annotated[str, Field(pattern=rf"^[A-Za-z0-9][A-Za-z0-9_.+-]{{0,79}}(@([0-9]{{1,4}}|{SEASON_WORD}))?$")]
 
 
 class SuiteFile(BaseModel):
@@ -58,8 +73,13 @@ class SuiteFile(BaseModel):
     name: Identifier
     title: str
     description: str = ""
-    parts: tuple[Identifier, ...] = ()
-    """Names of packaged suites, or of folders beside this one, whose scenarios it has instead of any of its own."""
+    season: Season | None = Field(default=None, exclude_if=lambda season: season is None)
+    """The season: a number for a public one, a word for any other; None: season 0, or a suite without seasons."""
+    parts: tuple[PartName, ...] = ()
+    """Names of packaged suites, or of folders beside this one, whose scenarios it has instead of any of its own.
+
+    Those of a suite of a season, 0 too, are beside it.
+    """
     checksum: str = ""
     """Checksum of the sealed suite, see `Suite.checksum`; "": it may be changed."""
     score_mode: ScoreModeName | None = Field(default=None, exclude_if=lambda mode: mode is None)
@@ -77,7 +97,7 @@ class Suite:
     """The suites that it is made of, see `SuiteFile.parts`."""
 
     def __repr__(self) -> str:
-        return f"Suite({self.name!r}, {len(self)} scenarios)"
+        return f"Suite({self.label!r}, {len(self)} scenarios)"
 
     def __len__(self) -> int:
         """Number of scenarios."""
@@ -111,8 +131,18 @@ class Suite:
 
     @property
     def name(self) -> str:
-        """Short name, as users type it."""
-        return self.about.name
+        """Short name, as files hold it: `mdrive@1`; `mdrive` for season 0."""
+        return join_suite_name(self.about.name, self.about.season)
+
+    @property
+    def label(self) -> str:
+        """Short name with any season, as people read and type it: `mdrive@0`, `mdrive@1`, `hard`."""
+        return label_suite(self.about.name, self.about.season)
+
+    @property
+    def season(self) -> int | str | None:
+        """The season: a number for a public one, a word for any other; None: the suite has no seasons."""
+        return get_season(self.about.name, self.about.season)
 
     @property
     def score_mode(self) -> ScoreModeName:
@@ -159,11 +189,11 @@ class Suite:
         """Return a sentence about a glob without a match, with the nearest name or where the names are listed."""
         names = dict.fromkeys(name for scenario in self.scenarios for name in (scenario.id, scenario.category))
         remedy = suggest_name(glob, names) or f"; `mdrive-sumo list scenarios --suite {self._typed_name()}` lists them"
-        return f"suite {self.name}: expected a scenario id or category like {glob!r}, found none{remedy}"
+        return f"suite {self.label}: expected a scenario id or category like {glob!r}, found none{remedy}"
 
     def _typed_name(self) -> str:
         """Return what `--suite` takes for this suite."""
-        return self.name if list_packaged_suites().get(self.name) == self.folder else str(self.folder)
+        return name_packaged_suite(self.folder) or str(self.folder)
 
 
 def _describe_scenario(scenario: Scenario) -> dict[str, str | int | float]:
@@ -183,31 +213,16 @@ def _describe_scenario(scenario: Scenario) -> dict[str, str | int | float]:
     }
 
 
-def list_packaged_suites() -> dict[str, Path]:
-    """Suites that come with mdrive-sumo, and those of other packages (`mdrive_sumo.scenario_sources`): name -> folder.
-
-    Raises InputError for a scenario source that is none.
-    """
-    root = Path(str(files("mdrive_sumo") / "scenarios"))
-    own = {folder.name: folder for folder in sorted(root.iterdir()) if (folder / SUITE_FILE).is_file()}
-    return own | list_source_folders(SUITE_FILE, own)
-
-
-def list_suites() -> tuple[str, ...]:
-    """Return the names of the suites that come with mdrive-sumo."""
-    return tuple(list_packaged_suites())
-
-
 def load_suite(name_or_folder: str) -> Suite:
-    """A packaged suite by name, or any suite by its folder; raises InputError."""
+    """A packaged suite by name, or any suite by its folder; raises InputError.
+
+    `mdrive@1` is season 1; without a season a name means the newest public one.
+    """
     if not isinstance(cast(object, name_or_folder), str | PathLike):
         raise InputError(f"suite: expected the name or the folder of a suite, found {name_or_folder!r:.40}")
-    packaged = list_packaged_suites()
-    folder = packaged.get(name_or_folder, Path(name_or_folder))
+    folder = find_suite_folder(str(name_or_folder))
     if not folder.is_dir():
-        suggestion = suggest_name(name_or_folder, packaged)
-        names = ", ".join(packaged)
-        raise InputError(f"suite {name_or_folder!r}: expected a folder or one of {names}, found neither{suggestion}")
+        raise InputError(_describe_unknown_suite(str(name_or_folder)))
     about = _suite_file(folder / SUITE_FILE)
     parts = _parts(about, folder)
     suite = Suite(about, folder, _scenarios_of(parts, folder) if parts else _scenarios(folder), parts)
@@ -219,16 +234,24 @@ def load_suite(name_or_folder: str) -> Suite:
     return suite
 
 
+def _describe_unknown_suite(name: str) -> str:
+    """Return a sentence about a name that is neither a suite nor a folder."""
+    packaged = list_packaged_suites()
+    suite, season = split_suite_name(name)
+    suggestion = suggest_name(name, list_exact_suites() if season else packaged) or suggest_name(suite, packaged)
+    return f"suite {name!r}: expected a folder or one of {', '.join(packaged)}, found neither{suggestion}"
+
+
 def load_suite_of_one(folder: Path, scenario: str) -> Suite:
     """Return the suite in a folder with this scenario only: a worker process needs no others, and `mdrive` takes 35 MB.
 
     Its checksum is not checked, because that is over all scenarios. Raises InputError.
     """
     about = _suite_file(folder / SUITE_FILE)
-    part_folders = [_find_part_folder(name, folder) for name in about.parts]
+    part_folders = [_find_part_folder(name, about, folder) for name in about.parts]
     home = next((one for one in (part_folders or [folder]) if (one / scenario / SCENARIO_FILE).is_file()), None)
     if home is None:
-        raise InputError(f"suite {about.name}: expected a scenario {scenario!r}, found none")
+        raise InputError(f"suite {label_suite(about.name, about.season)}: expected a scenario {scenario!r}, found none")
     scenarios = (_scenario(home / scenario / SCENARIO_FILE),)
     parts = (Suite(_suite_file(home / SUITE_FILE), home, scenarios),) if part_folders else ()
     return Suite(about, folder, scenarios, parts)
@@ -247,15 +270,24 @@ def _scenarios(folder: Path) -> tuple[Scenario, ...]:
 
 
 def _parts(about: SuiteFile, folder: Path) -> tuple[Suite, ...]:
-    parts = tuple(load_suite(str(_find_part_folder(name, folder))) for name in about.parts)
+    parts = tuple(load_suite(str(_find_part_folder(name, about, folder))) for name in about.parts)
     if nested := [part.name for part in parts if part.about.parts]:
         raise InputError(f"{folder}: expected parts with scenarios of their own, found {nested[0]!r}, which has parts")
+    if about.season is not None and (others := [part for part in parts if part.season != about.season]):
+        found = f"found {others[0].label} in {others[0].folder.name}"
+        raise InputError(f"{folder / SUITE_FILE}: parts: expected suites of season {about.season}, {found}")
     return parts
 
 
-def _find_part_folder(name: str, folder: Path) -> Path:
-    """Return the folder of a part of the suite in `folder`: a packaged suite, or one beside it."""
-    return list_packaged_suites().get(name, folder.parent / name)
+def _find_part_folder(name: str, about: SuiteFile, folder: Path) -> Path:
+    """Return the folder of a part of the suite in `folder`: a packaged suite, or one beside it.
+
+    The parts of a season are beside it: a packaged name without a season would mean the newest one.
+    """
+    beside = folder.parent / name
+    if about.season is not None or is_own_suite(folder):
+        return beside
+    return find_packaged_suite(name) or beside
 
 
 def _scenarios_of(parts: Sequence[Suite], folder: Path) -> tuple[Scenario, ...]:
@@ -288,27 +320,3 @@ def _scenario(path: Path) -> Scenario:
 def natural_sort_key(name: str) -> list[tuple[int, str]]:
     """Sort key of names with numbers in them, which count by value: r2 before r10."""
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
-
-
-def list_source_folders(suite_file: str, packaged: Iterable[str]) -> dict[str, Path]:
-    """Return the folders of the suites of other packages by name.
-
-    suite_file: name of the file that each of them has. known: names of the packaged suites. Raises InputError for a
-    source without a suite, or with the name of a packaged one.
-    """
-    check_plug_in_names(PlugInKind.SCENARIO_SOURCES, packaged)
-    return {name: find_source_folder(name, suite_file) for name in list_plug_ins(PlugInKind.SCENARIO_SOURCES)}
-
-
-@lru_cache(maxsize=64)
-def find_source_folder(name: str, suite_file: str) -> Path:
-    """Return the folder of a source: the plug-in is the folder, or a function that returns it. Raises InputError."""
-    plug_in = list_plug_ins(PlugInKind.SCENARIO_SOURCES)[name]
-    source = plug_in.load()
-    folder = source() if callable(source) else source
-    if not isinstance(folder, str | PathLike) or not (Path(folder) / suite_file).is_file():
-        raise InputError(
-            f"{plug_in.describe()}: expected the folder of a suite with {suite_file}, or a function that returns it,"
-            f" found {folder!r:.80}"
-        )
-    return Path(folder)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import mdrive_sumo as md
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
-from mdrive_sumo.scenario.suite import list_packaged_suites
+from mdrive_sumo.scenario.packaged_suites import find_suite_folder
 from mdrive_sumo.scoring import ScoreMode
 
 SCENARIO, AGENT = "i11_ins_sl_town", "sharing"
@@ -17,7 +17,7 @@ Row = tuple[str, float, str, str]
 
 def front_door_rows() -> Iterator[Row]:
     """Ratio of the medians of CPU time, both with scores and without a recording on disk."""
-    job = EpisodeJob(str(list_packaged_suites()["interdrive"]), SCENARIO, AgentSpec(AGENT), 0, ScoreMode.MDRIVE)
+    job = EpisodeJob(str(find_suite_folder("interdrive@0")), SCENARIO, AgentSpec(AGENT), 0, ScoreMode.MDRIVE)
     ways: tuple[Callable[[], object], ...] = (lambda: run_job(job), lambda: md.simulate(SCENARIO, AGENT).result)
     seconds: tuple[list[float], ...] = ([], [])
     for way in ways:  # caches: networks, suites, imports

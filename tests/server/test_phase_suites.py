@@ -7,7 +7,7 @@ import pytest
 from testing.suite_fakes import make_suite
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.suite import list_packaged_suites
+from mdrive_sumo.scenario.packaged_suites import find_suite_folder
 from server.phase_suites import LoadedPhaseSuites
 from server.settings import PhaseSettings, ServerSettings
 from server.store.tables import PhaseRow
@@ -32,7 +32,7 @@ def listing(folder: Path) -> str:
 
 def test_a_hidden_phase_on_scenarios_that_everyone_has_is_refused_unless_told(tmp_path: Path) -> None:
     said = r"phase final: expected hidden .* of the packaged suite interdrive, .*packaged_suite = true"
-    for suite in ("interdrive", str(list_packaged_suites()["interdrive"]), listing(tmp_path / "listing")):
+    for suite in ("interdrive", str(find_suite_folder("interdrive@0")), listing(tmp_path / "listing")):
         suites, row = phase(suite)
         with pytest.raises(InputError, match=said):
             suites.jobs(row)

@@ -26,8 +26,9 @@ from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum, read_network_file
 from mdrive_sumo.runs.journal import JOURNAL_FILE, open_journal, read_run_journal
 from mdrive_sumo.runs.run_config import load_agent_config
+from mdrive_sumo.scenario.packaged_suites import find_suite_folder
 from mdrive_sumo.scenario.scenario import load_scenario
-from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import ScoreMode, load_results, save_results, score_episode, summarize_run
 from mdrive_sumo.study.human.plan_file import load_plan
 from real2sim.carla.opendrive import read_opendrive
@@ -196,7 +197,7 @@ def _read_net(path: Path) -> object:
 
 
 def _write_suite(folder: Path) -> Path:
-    source = list_packaged_suites()["interdrive"]
+    source = find_suite_folder("interdrive@0")
     scenario = next(path for path in sorted(source.iterdir()) if (path / "scenario.json").is_file())
     _file(f"{scenario.name}/scenario.json", (scenario / "scenario.json").read_bytes())(folder)
     about = json.loads((source / "suite.json").read_text()) | {"checksum": ""}

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mdrive_sumo.core import plug_ins
-from mdrive_sumo.scenario import suite
+from mdrive_sumo.scenario import packaged_suites
 from mdrive_sumo.scoring.metrics import registry
 
 MODULE = "tiny_plug_ins"
@@ -24,7 +24,7 @@ def forget_plug_ins() -> None:
         plug_ins.list_plug_ins,
         plug_ins.compute_module_checksum,
         registry.load_metric_plug_ins,
-        suite.find_source_folder,
+        packaged_suites.find_source_folder,
     ):
         function.cache_clear()
 

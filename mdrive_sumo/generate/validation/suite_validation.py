@@ -16,10 +16,11 @@ from mdrive_sumo.generate.validation.hard_validation import HARD_BUCKET
 from mdrive_sumo.generate.validation.rule_coverage import find_missing_rules
 from mdrive_sumo.generate.validation.scenario_validation import ScenarioValidation
 from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, compute_deviations
+from mdrive_sumo.scenario.packaged_suites import name_packaged_suite
 from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE, find_reference_times, list_unmeasured
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
-from mdrive_sumo.scenario.suite import RECIPE_FILE, Suite, list_packaged_suites
+from mdrive_sumo.scenario.suite import RECIPE_FILE, Suite
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, read_certificates
 
 TOLERANCE, CATEGORY_TOLERANCE = 0.05, 0.10
@@ -81,12 +82,11 @@ def _find_part_problems(suite: Suite, examinations: Sequence[ScenarioValidation]
 
 def is_packaged(suite: Suite) -> bool:
     """Return whether a suite comes with mdrive-sumo."""
-    folder = list_packaged_suites().get(suite.name)
-    return folder is not None and folder.resolve() == suite.folder.resolve()
+    return name_packaged_suite(suite.folder) is not None
 
 
 def _compare_with_paper(suite: Suite) -> Iterator[str]:
-    if (paper := PAPER.get(suite.name)) is None:
+    if (paper := PAPER.get(suite.about.name)) is None:
         return
     found = compute_suite_statistics(suite.scenarios)
     if found.scenarios != paper.scenarios:

@@ -27,8 +27,9 @@ from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.runs.stored_run import StoredRun, load_viewed_run
 from mdrive_sumo.runs.takes import HUMAN, DriverChoice, make_human_spec, prepare_take
+from mdrive_sumo.scenario.packaged_suites import name_packaged_suite
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
+from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scenario.weather import WeatherName
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from server.drive.simulation_values import DriveFacts, DriveSetup
@@ -225,9 +226,8 @@ def _check_people(setup: DriveSetup, scenario: Scenario) -> None:
 
 
 def _name_suite(folder: Path) -> str:
-    """Return the name of a packaged suite, which is the same on all machines; the path of any other."""
-    names = [name for name, path in list_packaged_suites().items() if path == folder]
-    return names[0] if names else str(folder.resolve())
+    """Return the exact name of a packaged suite, which is the same on all machines; the path of any other."""
+    return name_packaged_suite(folder) or str(folder.resolve())
 
 
 def _follow_run(setup: DriveSetup, stored: StoredRun) -> tuple[DriveSetup, Path, Mapping[str, DriverChoice]]:

@@ -31,8 +31,8 @@ from mdrive_sumo.planning.stop_lines import StopPoint
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, load_job_scenario, reexecute
+from mdrive_sumo.scenario.packaged_suites import find_suite_folder
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.suite import list_packaged_suites
 from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cpm, Direction, Intention, Mcm, ReferencePose, decode, encode
@@ -56,7 +56,7 @@ def job(
 ) -> EpisodeJob:
     """One of the packaged suite's scenarios."""
     return EpisodeJob(
-        list_packaged_suites()["interdrive"],
+        find_suite_folder("interdrive@0"),
         scenario,
         AgentSpec(agent, options),
         seed,

@@ -15,7 +15,7 @@ from mdrive_sumo.core.plug_ins import PlugInKind, list_plug_ins
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.scenario.suite import list_packaged_suites
+from mdrive_sumo.scenario.packaged_suites import list_packaged_suites
 from mdrive_sumo.scoring.metrics import list_scalar_metrics
 from mdrive_sumo.scoring.metrics.registry import list_infraction_metrics
 

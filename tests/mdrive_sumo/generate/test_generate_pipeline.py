@@ -202,8 +202,7 @@ def test_what_is_packaged_is_not_made_again(monkeypatch: pytest.MonkeyPatch, tmp
     write_generated_suite(SuiteFile(name="own", title="Generated"), [(first.recipe, first.scenario)], tmp_path / "own")
     save_suite(Suite(SuiteFile(name="foreign", title="Not"), tmp_path / "foreign", (made(deadlock()),)))
     folders = {name: tmp_path / name for name in ("own", "foreign")}
-    for module in ("scenario.suite", "generate.generated_suite"):
-        monkeypatch.setattr(f"mdrive_sumo.{module}.list_packaged_suites", lambda: folders)
+    monkeypatch.setattr("mdrive_sumo.generate.generated_suite.list_exact_suites", lambda: folders)
     assert [scenario.id for scenario in load_packaged_generated()] == [first.scenario.id]
     assert explained(tmp_path / "new")[0] == twin_of(first.scenario.id)
 

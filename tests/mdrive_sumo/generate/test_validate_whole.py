@@ -15,9 +15,10 @@ from mdrive_sumo.generate.validation import (
     sample_scenarios,
     suite_validation,
 )
+from mdrive_sumo.scenario.packaged_suites import list_packaged_suites
 from mdrive_sumo.scenario.reference_times import save_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.suite import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite, seal_suite
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite, seal_suite
 from mdrive_sumo.study.occlusion_certificate import (
     OccludedInterval,
     OcclusionCertificate,
@@ -216,7 +217,7 @@ def test_certificates_that_are_no_longer_found_are_told(small: Suite) -> None:
 @pytest.fixture
 def packaged(small: Suite, monkeypatch: pytest.MonkeyPatch) -> Suite:
     """The small suite, as if it came with mdrive-sumo."""
-    monkeypatch.setattr(suite_validation, "list_packaged_suites", lambda: {"small": small.folder})
+    monkeypatch.setattr(suite_validation, "name_packaged_suite", {small.folder: "small"}.get)
     return small
 
 

@@ -22,7 +22,7 @@ from mdrive_sumo.runs import agent_boxing
 from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.scenario.suite import list_packaged_suites
+from mdrive_sumo.scenario.packaged_suites import find_suite_folder
 from mdrive_sumo.scoring import load_results
 
 SCENARIO = "i01_*"
@@ -133,7 +133,7 @@ def test_hidden_folders_are_empty_wherever_they_are_seen(tmp_path: Path) -> None
     ],
 )
 def test_an_agent_that_no_box_can_show_is_refused(agent: str, text: str) -> None:
-    suite = list_packaged_suites()["interdrive"]
+    suite = find_suite_folder("interdrive@0")
     with pytest.raises(InputError, match=text):
         box_agent(AgentSpec(agent.replace("SUITE", str(suite))), list_hidden_folders(suite), Path("out"))
 

@@ -10,16 +10,9 @@ from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, load_job_scenario
+from mdrive_sumo.scenario.packaged_suites import find_suite_folder, list_exact_suites
 from mdrive_sumo.scenario.scenario import Scenario, load_scenario
-from mdrive_sumo.scenario.suite import (
-    SCENARIO_FILE,
-    Suite,
-    SuiteFile,
-    list_packaged_suites,
-    load_suite,
-    load_suite_of_one,
-    save_suite,
-)
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, load_suite, load_suite_of_one, save_suite
 from mdrive_sumo.scenario.variation import load_varied_scenario
 
 CROSSWALK = "crosswalk_05"
@@ -28,7 +21,7 @@ CROSSWALK = "crosswalk_05"
 @pytest.fixture
 def whole(tmp_path: Path) -> Suite:
     """A suite of a packaged suite's scenario and of two in a folder beside it."""
-    scenario = load_scenario(list_packaged_suites()["interdrive"] / "i13_ins_sl_minor_road" / SCENARIO_FILE)
+    scenario = load_scenario(find_suite_folder("interdrive@0") / "i13_ins_sl_minor_road" / SCENARIO_FILE)
     two = (scenario.derive(id="one"), scenario.derive(id="two"))
     save_suite(Suite(SuiteFile(name="mine", title=""), tmp_path / "mine", two))
     save_suite(Suite(SuiteFile(name="both", title="", parts=("interdrive", "mine")), tmp_path / "both", ()))
@@ -46,13 +39,13 @@ def test_a_job_finds_the_same_scenario_without_the_others(whole: Suite, name: st
 
 
 def test_an_unknown_scenario_gets_one_sentence() -> None:
-    for folder, name in list_packaged_suites().items():
-        with pytest.raises(InputError, match=f"suite {folder}: expected a scenario 'none', found none"):
-            load_suite_of_one(name, "none")
+    for name, folder in list_exact_suites().items():
+        with pytest.raises(InputError, match=f"suite {name}: expected a scenario 'none', found none"):
+            load_suite_of_one(folder, "none")
 
 
 def test_a_scenario_that_changed_since_the_run_began_is_refused(tmp_path: Path) -> None:
-    suite = list_packaged_suites()["interaction"]
+    suite = find_suite_folder("interaction@0")
     save_suite(
         Suite(SuiteFile(name="mine", title=""), tmp_path, (load_scenario(suite / CROSSWALK / SCENARIO_FILE),)),
     )

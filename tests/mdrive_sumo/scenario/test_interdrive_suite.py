@@ -11,11 +11,12 @@ import pytest
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate import validation
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.scenario.packaged_suites import find_suite_folder
 from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
-from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, list_packaged_suites, load_suite, save_suite
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE
 from tools.build_interdrive_suite import RECIPE_FILE, build_route, parse_steps, write_suite
 
@@ -40,7 +41,7 @@ def street() -> RoadMap:
 
 @pytest.mark.slow
 def test_the_recipe_makes_the_packaged_files(suite: Suite, tmp_path: Path) -> None:
-    shutil.copy(list_packaged_suites()["interdrive"] / RECIPE_FILE, tmp_path)
+    shutil.copy(find_suite_folder("interdrive@0") / RECIPE_FILE, tmp_path)
     write_suite(tmp_path)
     made = {path.relative_to(tmp_path): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     files = (path for path in suite.folder.rglob("*") if path.is_file() and path.name not in MEASURED_FILES)

@@ -8,7 +8,8 @@ import pytest
 from mdrive_sumo.generate.generated_suite import find_rebuild_differences, load_recipes
 from mdrive_sumo.generate.validation import find_suite_problems
 from mdrive_sumo.roads import list_packaged_networks
-from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
+from mdrive_sumo.scenario.packaged_suites import list_packaged_suites
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.study.occlusion_certificate import load_certificates
 
 pytestmark = pytest.mark.slow

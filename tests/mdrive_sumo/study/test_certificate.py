@@ -13,8 +13,9 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, reexecute
+from mdrive_sumo.scenario.packaged_suites import find_suite_folder
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
-from mdrive_sumo.scenario.suite import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.study import occlusion_certificate
 from mdrive_sumo.study.occlusion_certificate import (
     OccludedInterval,
@@ -31,7 +32,7 @@ TOWN = load_road_map(find_network_folder("town_crossing"))
 
 @cache
 def blind(scenario: str) -> tuple[EpisodeRecord, Scenario]:
-    job = EpisodeJob(list_packaged_suites()["interdrive"], scenario, AgentSpec("constant-speed"))
+    job = EpisodeJob(find_suite_folder("interdrive@0"), scenario, AgentSpec("constant-speed"))
     found = next(s for s in load_suite("interdrive").scenarios if s.id == scenario)
     return reexecute(job), found
 

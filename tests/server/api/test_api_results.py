@@ -22,7 +22,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
-from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
+from mdrive_sumo.scenario.packaged_suites import find_suite_folder
+from mdrive_sumo.scenario.suite import load_suite
 from server import paths
 from server.api import child_calls
 from server.api.app import MAX_REPLAYS
@@ -161,7 +162,7 @@ def test_a_page_that_was_made_meanwhile_is_not_made_again(tmp_path: Path) -> Non
 def test_a_replay_of_a_real_episode(tmp_path: Path) -> None:
     scenario = load_suite("interdrive").scenarios[0].id
     recording, page = tmp_path / "episode.npz", tmp_path / "page.html"
-    job = EpisodeJob(list_packaged_suites()["interdrive"], scenario, AgentSpec("idm"), recording=recording)
+    job = EpisodeJob(find_suite_folder("interdrive@0"), scenario, AgentSpec("idm"), recording=recording)
     aside = SubprocessRunner(1)
     try:
         result = aside.call(120.0, run_job, job)
