@@ -22,7 +22,7 @@ from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec, format_agent_limits, parse_agent_limits
 from mdrive_sumo.runs.fingerprint_paths import restore_paths
 from mdrive_sumo.runs.other_agents import OtherAgents, parse_other_agents
-from mdrive_sumo.scenario.season import read_stored_name
+from mdrive_sumo.scenario.season import read_stored_name, write_stored_name
 from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json
 
@@ -69,7 +69,7 @@ class RunConfig:
     """
 
     suite: str = setting("interdrive", help="What to drive.", metavar="NAME|DIR")
-    """Name of a packaged suite, or a folder."""
+    """Name of a packaged suite, with or without its season, or a folder."""
     scenario: str = setting("*", help="Only scenarios whose id or category matches; may be repeated.", metavar="GLOB")
     """Globs over ids and categories, with commas between them."""
     agent: AgentSpec = field(default_factory=lambda: AgentSpec("idm"))
@@ -184,7 +184,7 @@ class RunConfig:
         own = {one.key: one.write(getattr(self, one.field)) for one in _IDENTITY} | {"score_mode": str(self.score_mode)}
         kept = {key: own.pop(key) for key in ("record", "sandbox")}  # journals have them after the conditions
         return {
-            "suite": own.pop("suite"),
+            "suite": write_stored_name(str(own.pop("suite"))),
             "scenario": own.pop("scenario"),
             "agent": self.agent.resolve().name,
             "agent_config": self.agent.config_text(),

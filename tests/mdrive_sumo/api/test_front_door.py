@@ -73,5 +73,5 @@ def test_packaged_suites_are_listed() -> None:
 
 def test_what_a_notebook_echoes_fits_on_the_screen() -> None:
     suite = md.load_suite("interdrive")
-    assert repr(suite) == "Suite('interdrive', 46 scenarios)"
+    assert repr(suite) == "Suite('interdrive@0', 46 scenarios)"
     assert repr(suite["i11_ins_sl_town"]) == "Scenario('i11_ins_sl_town', InterDrive, ins_sl, 3 CAVs, 0 actors)"

@@ -37,7 +37,12 @@ OPTIONS = EpisodeOptions(
     sensing=SensingProfile.PERFECT,
 )
 CONFIG = RunConfig(
-    scenario="i13*", agent=AgentSpec("sharing", {"range": 80.0, "a": True}), seeds=(3,), options=OPTIONS, record=False
+    suite="interdrive@0",
+    scenario="i13*",
+    agent=AgentSpec("sharing", {"range": 80.0, "a": True}),
+    seeds=(3,),
+    options=OPTIONS,
+    record=False,
 )
 WRITTEN = {
     "suite": "interdrive",
@@ -64,6 +69,12 @@ FACTS = {"agent": "idm", "suite": "s", "suite_checksum": "", "seed": 0, "score_m
 def test_the_written_form_is_that_of_stored_runs() -> None:
     assert CONFIG.to_dict() == WRITTEN
     assert RunConfig.from_dict(WRITTEN) == replace(CONFIG, chosen_mode=ScoreMode.MDRIVE)  # a stored run names its mode
+
+
+def test_a_stored_run_of_a_later_season_names_it() -> None:
+    later = replace(CONFIG, suite="interdrive@2")
+    assert later.to_dict()["suite"] == "interdrive@2"
+    assert RunConfig.from_dict(later.to_dict()).suite == "interdrive@2"
 
 
 def test_a_journal_from_before_an_option_has_its_default() -> None:
