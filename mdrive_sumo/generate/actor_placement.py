@@ -7,19 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.generate.pedestrian_crossing import (
-    LANE_M,
-    WALK_MPS,
-    ActorBody,
-    compute_route_pose,
-    place_crossing_actors,
-)
+from mdrive_sumo.generate.pedestrian_crossing import LANE_M, WALK_MPS, ActorBody, place_crossing_actors
 from mdrive_sumo.generate.proposal import Lateral, ProposedActor
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, Motion, PathMotion, StandingMotion
+from mdrive_sumo.worlds.placement.lane_chains import compute_route_pose
 
 OBJECT_AHEAD_M = 38.0
 """[m] Distance ahead of a CAV's start of objects on a road without a junction."""

@@ -2,20 +2,9 @@
 14.1)."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 from mdrive_sumo.scenario.categories import FIGURES, Category, CategoryFigures
-
-
-class Topology(StrEnum):
-    """Shapes of road that a proposal may ask for (protocol 14.1)."""
-
-    INTERSECTION = "intersection"
-    T_JUNCTION = "t_junction"
-    CORRIDOR = "corridor"
-    TWO_LANE_CORRIDOR = "two_lane_corridor"
-    HIGHWAY = "highway"
-    ROUNDABOUT = "roundabout"
+from mdrive_sumo.worlds.network_features import Topology
 
 
 @dataclass(frozen=True, slots=True)

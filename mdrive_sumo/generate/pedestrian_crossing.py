@@ -6,11 +6,12 @@ import shapely
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.generate.proposal import ProposedActor
-from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, KindName, PathMotion, StartMotion, Trigger
+from mdrive_sumo.worlds.placement.lane_chains import compute_route_pose
+from mdrive_sumo.worlds.placement.spawn_points import BLIND_ACCELERATION, BLIND_SPEED
 
 WALK_MPS: Mapping[str, float] = {
     "slow": 1.0,
@@ -29,15 +30,6 @@ QUEUE_M = 2.5
 LANE_M = 3.5
 ActorBody = tuple[str, KindName, tuple[float, float]]
 """Model, kind, and length and width [m]."""
-
-
-def compute_route_pose(ego: Ego, station: float, offset: float) -> tuple[float, float, float]:
-    """Return the pose [m, m, rad] beside the route, `offset` to its left."""
-    k = min(max(round(station), 0), len(ego.route) - 1)
-    x, y, yaw = ego.route[k]
-    along = station - k
-    x, y = x + along * portable.cos(yaw), y + along * portable.sin(yaw)
-    return x - offset * portable.sin(yaw), y + offset * portable.cos(yaw), yaw
 
 
 def place_crossing_actors(

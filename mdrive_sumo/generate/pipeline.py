@@ -12,7 +12,7 @@ from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.generate.actor_placement import place_actors
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.duplicates import find_duplicate
-from mdrive_sumo.generate.network_features import find_networks
+from mdrive_sumo.generate.network_choice import find_networks
 from mdrive_sumo.generate.pre_crash_placement import place_pre_crash_actors
 from mdrive_sumo.generate.pre_crash_spawn_points import choose_pre_crash_spawn_points as pre_crash_spawns
 from mdrive_sumo.generate.pre_crash_typologies import find_typology_networks
@@ -21,12 +21,14 @@ from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.route_assignment import assign_routes
 from mdrive_sumo.generate.rules import find_rule_violations
 from mdrive_sumo.generate.screening import ScreeningResult, screen_scenario
-from mdrive_sumo.generate.spawn_points import LaneRoutes, SpawnPoint, build_ego, build_route_line, choose_spawn_points
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
+from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
+from mdrive_sumo.worlds.placement.lane_chains import build_way_line
+from mdrive_sumo.worlds.placement.spawn_points import LaneRoutes, choose_spawn_points
 
 BUCKET = "Interaction"
 DEFAULT_ROUTE_M = 100.0
@@ -103,7 +105,10 @@ def _build_egos(proposal: Proposal, ways: LaneRoutes, roads: RoadMap, rng: rando
         placed = _place_spawns(proposal, ways, share, roads, rng)
         if isinstance(placed, str):
             raise InputError(placed)
-        return {name: build_ego(roads, str(i), way, placed[name], share) for i, (name, way) in enumerate(ways.items())}
+        return {
+            name: build_spawned_cav(roads, str(i), way, placed[name], share)
+            for i, (name, way) in enumerate(ways.items())
+        }
     except InputError as error:
         raise ProposalRejected(PipelineStage.SPAWNS, f"network {roads.name}: {error}") from None
 
@@ -112,7 +117,7 @@ def _place_spawns(
     proposal: Proposal, ways: LaneRoutes, share: float, roads: RoadMap, rng: random.Random
 ) -> dict[str, SpawnPoint] | str:
     """Return starts and goals, or why there are none."""
-    lines = {name: build_route_line(roads, way, share) for name, way in ways.items()}
+    lines = {name: build_way_line(roads, way, share) for name, way in ways.items()}
     figures = CATEGORIES[proposal.category].paper
     route_m = figures.route_m if figures else DEFAULT_ROUTE_M
     if proposal.category is Category.PRE_CRASH:  # they begin close to the junction

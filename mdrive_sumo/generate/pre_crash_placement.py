@@ -12,10 +12,8 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.generate.actor_placement import CAR_SIZE, CYCLIST_SIZE, DRIVE_MPS, WALK_MPS, WALKER_SIZE, place_actors
-from mdrive_sumo.generate.lane_routes import LaneRoute, find_lane_change_routes, find_lane_routes
-from mdrive_sumo.generate.pre_crash_spawn_points import compute_arrival_s, locate_junction
+from mdrive_sumo.generate.pre_crash_spawn_points import compute_arrival_s
 from mdrive_sumo.generate.proposal import Lateral, ProposedActor
-from mdrive_sumo.generate.spawn_points import RIM_M, RouteLine, SpawnPoint, build_ego, build_route_line
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego
@@ -29,6 +27,10 @@ from mdrive_sumo.scenario.scripted_actor import (
     StartMotion,
     TimeTrigger,
 )
+from mdrive_sumo.worlds.lane_routes import LaneRoute, find_lane_change_routes, find_lane_routes, locate_junction
+from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
+from mdrive_sumo.worlds.placement.lane_chains import build_way_line
+from mdrive_sumo.worlds.placement.spawn_points import RIM_M
 
 VAN = PROPS["parked-van"]
 ROADSIDE_M = 3.05
@@ -69,12 +71,9 @@ class _CavRoute:
         self.way = next(
             w for w in (*find_lane_routes(roads), *find_lane_change_routes(roads)) if set(ego.lanes) <= set(w.lanes)
         )
-        self.line: RouteLine = build_route_line(roads, self.way, 0.5)
-        self.start = self.project(ego.start.x, ego.start.y)
+        self.line = build_way_line(roads, self.way, 0.5)
+        self.start = self.line.locate(ego.start.x, ego.start.y)
         self.edge, self.exit = locate_junction(roads, self.way)
-
-    def project(self, x: float, y: float) -> float:
-        return float(shapely.line_locate_point(shapely.LineString(self.line.xy), shapely.Point(x, y)))
 
     def at(self, station: float, offset: float = 0.0) -> Pose:
         """Return the pose on the route, `offset` to its left."""
@@ -141,7 +140,7 @@ def _build_mover(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]
 def _build_van(actor: ProposedActor, drive: _CavRoute, hidden: Actor | None, egos: Mapping[str, Ego]) -> Actor:
     """Return a van at the kerb, directly before the actor that it hides, else wherever there is room."""
     if hidden is not None:
-        stations = drive.project(hidden.start.x, hidden.start.y) - HIDING_M
+        stations = drive.line.locate(hidden.start.x, hidden.start.y) - HIDING_M
     else:
         corner = actor.timing_phase == "on_approach"
         stations = (drive.start + CORNER_M if corner else drive.station(actor)) + SHIFTS_M
@@ -253,7 +252,7 @@ def _build_waiting_vehicle(actor: ProposedActor, drive: _CavRoute, egos: Mapping
 
 def _build_lane_drive(roads: RoadMap, way: LaneRoute, start: float) -> Ego:
     """Return lanes and start of a drive from there to the end of the route."""
-    return build_ego(roads, "car", way, SpawnPoint(start, len(build_route_line(roads, way, 0.5).xy) - 1 - RIM_M), 0.5)
+    return build_spawned_cav(roads, "car", way, SpawnPoint(start, build_way_line(roads, way, 0.5).last_m - RIM_M), 0.5)
 
 
 def _build_leading_vehicle(actor: ProposedActor, drive: _CavRoute) -> Actor:
@@ -273,7 +272,7 @@ def _build_leading_vehicle(actor: ProposedActor, drive: _CavRoute) -> Actor:
 def _build_pulling_out_vehicle(actor: ProposedActor, drive: _CavRoute) -> Actor:
     """Return a vehicle that stands at the kerb and pulls out ahead of an approaching CAV."""
     station = _start_station(actor, drive)
-    last = len(drive.line.xy) - 1 - RIM_M
+    last = drive.line.last_m - RIM_M
     points = [drive.at(station, -ROADSIDE_M)]
     for s in np.arange(station + 1.0, last, 1.0):
         share = min((s - station) / PULL_OUT_M, 1.0)

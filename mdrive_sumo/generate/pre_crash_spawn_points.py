@@ -8,24 +8,22 @@ import numpy as np
 
 from mdrive_sumo.agents.sensorless import CONSTANT_SPEED
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.generate.lane_routes import LaneRoute
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.generate.spawn_points import (
+from mdrive_sumo.loop import VEHICLE
+from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_curve_speeds
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.worlds.lane_routes import locate_junction
+from mdrive_sumo.worlds.placement.cavs import SpawnPoint
+from mdrive_sumo.worlds.placement.lane_chains import RouteLine, RouteLines, find_conflict_stations
+from mdrive_sumo.worlds.placement.spawn_points import (
     BLIND_ACCELERATION,
     BLIND_SPEED,
     GAP_M,
     RIM_M,
     RUN_OUT_M,
     LaneRoutes,
-    RouteLine,
-    RouteLines,
-    SpawnPoint,
     StartStations,
-    find_conflict_stations,
 )
-from mdrive_sumo.loop import VEHICLE
-from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_curve_speeds
-from mdrive_sumo.roads import RoadMap
 
 RUN_UP_M = (8.0, 13.0)
 """[m] From the start of the first CAV to the edge of the junction."""
@@ -56,7 +54,7 @@ def choose_pre_crash_spawn_points(
     for name, start in starts.items():
         past = EVENT_PAST_M if name in behind else PAST_M
         least = max(_last_conflict(name, start, lines) + RUN_OUT_M, locate_junction(roads, ways[name])[1] + past)
-        rim = len(lines[name].xy) - 1 - RIM_M
+        rim = lines[name].last_m - RIM_M
         spawned[name] = SpawnPoint(start, min(max(start + ROUTE_SHARE * route_m * rng.uniform(0.9, 1.1), least), rim))
     return spawned
 
@@ -82,19 +80,6 @@ def _draw_start(
             choices = edge - np.arange(*START_BEFORE_JUNCTION_M, STEP_M)
             return float(min(choices, key=lambda choice: abs(compute_arrival_s(lines[name], choice, met[0]) - due)))
     return edge - rng.uniform(*(WITNESS_M if starts else RUN_UP_M))
-
-
-def locate_junction(roads: RoadMap, way: LaneRoute) -> tuple[float, float]:
-    """Return the stations [m] of begin and end of the first junction on a route; without one, of its middle."""
-    begin, found = 0.0, None
-    for id_ in way.lanes:
-        lane = roads.lanes[id_]
-        if lane.junction:
-            found = (found[0] if found else begin, begin + lane.centre.length)
-        elif found:
-            return found
-        begin += lane.centre.length
-    return found or (begin / 2, begin / 2)
 
 
 def compute_arrival_s(line: RouteLine, start: float, station: float) -> float:

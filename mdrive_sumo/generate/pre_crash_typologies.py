@@ -16,8 +16,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mdrive_sumo.generate.category_requirements import Topology
 from mdrive_sumo.generate.proposal import Proposal
+from mdrive_sumo.worlds.network_features import Topology
 
 Draft = dict[str, Any]
 """Fields of a proposal before they are checked."""

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mdrive_sumo.generate.category_requirements import Category, Topology
+from mdrive_sumo.generate.category_requirements import Category
+from mdrive_sumo.worlds.network_features import Topology
 
 VehicleId = Annotated[str, Field(pattern=r"^Vehicle [1-9][0-9]?$")]
 ActorId = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]

@@ -6,10 +6,9 @@ import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from mdrive_sumo.core.geometry import wrap_angle
-from mdrive_sumo.generate.lane_routes import LaneRoute, find_lane_change_routes, find_lane_routes
-from mdrive_sumo.generate.network_features import are_opposite
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.worlds.lane_routes import LaneRoute, are_opposite, find_lane_change_routes, find_lane_routes
 
 PERPENDICULAR_RAD = math.radians(40)
 """[rad] Largest deviation of a crossing road from a right angle."""

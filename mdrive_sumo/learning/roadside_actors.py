@@ -9,15 +9,15 @@ import shapely
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import box_corners, wrap_angle
-from mdrive_sumo.generate.hard.family_parts import WALKER_SIZES, build_crossing_actor
-from mdrive_sumo.generate.pedestrian_crossing import LANE_M, compute_route_pose
-from mdrive_sumo.generate.spawn_points import BLIND_SPEED
+from mdrive_sumo.generate.pedestrian_crossing import LANE_M
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
-from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, KindName, PathMotion
+from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, KindName
 from mdrive_sumo.vehicle import dynamics
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_crossing_actor, build_rider
+from mdrive_sumo.worlds.placement.lane_chains import build_pose, compute_lane_pose, compute_route_pose
+from mdrive_sumo.worlds.placement.spawn_points import BLIND_SPEED
 
 CAR = dynamics.MKZ_2017
 CROSSING_AHEAD_M = (20.0, 60.0)
@@ -141,17 +141,17 @@ def _build_crosser(crosser: _Crosser, ego: Ego, ends: Ends, met: Spot) -> Actor:
     rolling = BLIND_SPEED * (away / crosser.speed + crosser.early_s)
     distance = portable.hypot(max(rolling, 6.0), away)
     trigger = DistanceTrigger(vehicle=ego.id, distance_m=round(min(distance, 50.0), 2))
-    return build_crossing_actor(crosser.id, crosser.kind, ends, crosser.speed, trigger)
+    body = BODIES["adult" if crosser.kind == "pedestrian" else "bicycle"]
+    return build_crossing_actor(crosser.id, body, ends, crosser.speed, trigger)
 
 
 def _build_hiding_vehicle(ego: Ego, station: int, edge: float, name: str, rng: random.Random) -> Actor:
     """Return a vehicle parked at the right edge of the road, directly before the station."""
     model = rng.choice(("parked-van", "parked-car", "parked-van"))
-    size = PROPS[model]
-    back = station - rng.uniform(*HIDES_M) - WALKER_SIZES["pedestrian"][0] / 2 - size.length / 2
-    x, y, yaw = compute_route_pose(ego, back, -(edge + rng.uniform(-0.1, 0.3) + size.width / 2))
-    pose = Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))
-    return Actor(id=name, kind=size.kind, model=model, length=size.length, width=size.width, start=pose)
+    body = BODIES[model]
+    back = station - rng.uniform(*HIDES_M) - BODIES["adult"].length / 2 - body.length / 2
+    pose = build_pose(*compute_route_pose(ego, back, -(edge + rng.uniform(-0.1, 0.3) + body.width / 2)))
+    return build_actor(name, body, pose)
 
 
 def build_leading_cyclist(roads: RoadMap, ego: Ego, rng: random.Random) -> Actor | None:
@@ -161,22 +161,13 @@ def build_leading_cyclist(roads: RoadMap, ego: Ego, rng: random.Random) -> Actor
     edge = _find_road_edge(roads, ego, len(ego.route) - 2, -1.0)
     if station > len(ego.route) - 25 or edge is None:
         return None
-    length, width = WALKER_SIZES["cyclist"]
     stations = np.arange(station, len(ego.route) - 1.0, 2.0)
     offsets = np.interp(stations, (stations[-1] - TURN_OFF_M, stations[-1]), (rng.uniform(-1.2, -0.8), -edge - KERB_M))
-    poses = (compute_route_pose(ego, s, off) for s, off in zip(stations.tolist(), offsets.tolist(), strict=True))
-    points = tuple((round(x, 3), round(y, 3)) for x, y, _ in poses)
-    (x, y), (x1, y1) = points[:2]
+    places = zip(stations.tolist(), offsets.tolist(), strict=True)
+    first, second, *others = (build_pose(*compute_route_pose(ego, s, offset)) for s, offset in places)
+    start = build_pose(first.x, first.y, portable.atan2(second.y - first.y, second.x - first.x))
     speed = round(rng.uniform(3.0, 5.5), 2)
-    return Actor(
-        id="cyclist_ahead",
-        kind="cyclist",
-        model="bicycle",
-        length=length,
-        width=width,
-        start=Pose(x=x, y=y, yaw=round(portable.atan2(y1 - y, x1 - x), 4)),
-        motion=PathMotion(points=points, speed=speed, start_speed=round(speed * 0.8, 2)),
-    )
+    return build_rider("cyclist_ahead", BODIES["bicycle"], (start, second, *others), speed, round(speed * 0.8, 2))
 
 
 def build_parked_vehicles(roads: RoadMap, egos: Sequence[Ego], count: int, rng: random.Random) -> Iterator[Actor]:
@@ -196,15 +187,10 @@ def build_parked_vehicles(roads: RoadMap, egos: Sequence[Ego], count: int, rng: 
 
 def _build_parked_vehicle(lane: Lane, name: str, rng: random.Random) -> Actor:
     model = rng.choices(list(PARKED_MODELS), list(PARKED_MODELS.values()))[0]
-    size = PROPS[model]
-    station = rng.uniform(JUNCTION_M + size.length / 2, lane.centre.length - JUNCTION_M - size.length / 2)
-    offset = lane.width / 2 + size.width / 2 + rng.uniform(-0.3, 0.6)
-    x, y = lane.centre.at(station)
-    yaw = lane.centre.yaw_at(station)
-    pose = Pose(
-        x=round(x + offset * portable.sin(yaw), 3), y=round(y - offset * portable.cos(yaw), 3), yaw=round(yaw, 4)
-    )
-    return Actor(id=name, kind=size.kind, model=model, length=size.length, width=size.width, start=pose)
+    body = BODIES[model]
+    station = rng.uniform(JUNCTION_M + body.length / 2, lane.centre.length - JUNCTION_M - body.length / 2)
+    offset = lane.width / 2 + body.width / 2 + rng.uniform(-0.3, 0.6)
+    return build_actor(name, body, compute_lane_pose(lane, station, -offset))
 
 
 def fit_to_lane_width(actor: Actor, roads: RoadMap) -> Actor:

@@ -15,7 +15,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.generate.actor_placement import place_actors
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.network_features import is_for_training
+from mdrive_sumo.generate.network_choice import is_for_training
 from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.template_proposer import propose
@@ -30,7 +30,6 @@ from mdrive_sumo.learning.roadside_actors import (
 from mdrive_sumo.learning.sample_format import SPLITS
 from mdrive_sumo.learning.training_situations import SITUATIONS, SituationPlan
 from mdrive_sumo.learning.training_spawn_points import build_training_cavs, draw_start_speeds
-from mdrive_sumo.learning.training_traffic import TrafficRequest, build_training_traffic, locate_departure
 from mdrive_sumo.roads import RoadMap, find_network_folder, list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.checks import check_scenario
@@ -39,6 +38,8 @@ from mdrive_sumo.scenario.scripted_actor import Actor, KindName
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.weather import WeatherName
 from mdrive_sumo.vehicle import dynamics
+from mdrive_sumo.worlds.placement.occupancy import locate_departure
+from mdrive_sumo.worlds.streams.near_traffic import TrafficRequest, build_near_traffic
 
 VERSION = 1
 """Version of this generator, part of every seed; incremented whenever the same arguments would make another
@@ -116,7 +117,7 @@ def _build_situation(name: str, kind: str, networks: Sequence[str], rng: random.
     egos = build_training_cavs(plan, roads, rng)
     actors = _build_actors(plan, egos, roads, rng)
     request = TrafficRequest(plan.queue, plan.traffic, plan.is_jammed)
-    vehicles = build_training_traffic(roads, tuple(egos.values()), actors, request, rng)
+    vehicles = build_near_traffic(roads, tuple(egos.values()), actors, request, rng)
     boxes = [_build_box(actor) for actor in actors]
     boxes += [locate_departure(vehicle, roads) for vehicle in vehicles if vehicle.depart_s == 0.0]
     return Scenario(

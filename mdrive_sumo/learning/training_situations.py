@@ -8,10 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from mdrive_sumo.generate.lane_routes import LaneRoute, find_lane_change_routes, find_lane_routes
-from mdrive_sumo.generate.network_features import are_opposite
 from mdrive_sumo.generate.proposal import ProposedActor
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.worlds.lane_routes import LaneRoute, are_opposite, find_lane_change_routes, find_lane_routes
 
 Ways = dict[str, LaneRoute]
 """Lane routes of the CAVs by the vehicle ids of proposals."""

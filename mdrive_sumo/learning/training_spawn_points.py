@@ -9,22 +9,17 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import box_corners, wrap_angle
-from mdrive_sumo.generate.pre_crash_spawn_points import locate_junction
-from mdrive_sumo.generate.spawn_points import (
-    GAP_M,
-    RIM_M,
-    RUN_OUT_M,
-    LaneRoutes,
-    RouteLines,
-    SpawnPoint,
-    build_ego,
-    build_route_line,
-    choose_spawn_points,
-    find_conflict_stations,
-)
 from mdrive_sumo.learning.training_situations import SituationPlan
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.worlds.lane_routes import locate_junction
+from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
+from mdrive_sumo.worlds.placement.lane_chains import (
+    RouteLines,
+    build_way_line,
+    find_conflict_stations,
+)
+from mdrive_sumo.worlds.placement.spawn_points import GAP_M, RIM_M, RUN_OUT_M, LaneRoutes, choose_spawn_points
 
 CHANGE_SHARES = (0.3, 0.4, 0.5, 0.6)
 """Where on its lane a lane change begins; few values, for lines of routes are cached."""
@@ -47,11 +42,11 @@ STRAIGHT_RAD = 0.25
 def build_training_cavs(plan: SituationPlan, roads: RoadMap, rng: random.Random) -> dict[str, Ego]:
     """Return the CAVs by the plan's vehicle ids, at rest. Raises InputError where they have no room."""
     share = rng.choice(CHANGE_SHARES)
-    lines = {name: build_route_line(roads, way, share) for name, way in plan.ways.items()}
+    lines = {name: build_way_line(roads, way, share) for name, way in plan.ways.items()}
     route_m = rng.uniform(*plan.route_m)
     spawns = _choose_spawns(plan.ways, lines, route_m, roads, rng)
     return {
-        name: build_ego(roads, str(number), way, spawns[name], share)
+        name: build_spawned_cav(roads, str(number), way, spawns[name], share)
         for number, (name, way) in enumerate(plan.ways.items())
     }
 
@@ -61,7 +56,7 @@ def _choose_spawns(
 ) -> dict[str, SpawnPoint]:
     if len(ways) == 1:
         ((name, way),) = ways.items()
-        begin, length = locate_junction(roads, way)[0], len(lines[name].xy) - 1
+        begin, length = locate_junction(roads, way)[0], lines[name].last_m
         last = length - RIM_M - LEAST_ROUTE_M
         near = any(roads.lanes[lane].junction for lane in way.lanes) and rng.random() < AT_JUNCTION_SHARE
         start = begin - rng.uniform(*RUN_UP_M) if near else rng.uniform(RIM_M, max(last, RIM_M))
@@ -80,7 +75,7 @@ def _choose_passing_spawns(
 ) -> dict[str, SpawnPoint]:
     """Return starts of CAVs whose routes never cross: behind, beside or towards the first one."""
     first, *others = ways
-    lengths = {name: len(lines[name].xy) - 1 for name in ways}
+    lengths = {name: lines[name].last_m for name in ways}
     starts = {first: rng.uniform(RIM_M, max(lengths[first] - LEAST_ROUTE_M - RIM_M, RIM_M))}
     for name in others:
         same_lane = [starts[other] for other in starts if ways[other].lanes[0] == ways[name].lanes[0]]
@@ -90,7 +85,7 @@ def _choose_passing_spawns(
         is_beside = ways[name].entry == ways[first].entry
         ahead = rng.uniform(*BESIDE_M) if is_beside else rng.uniform(*MEET_M)
         at = lines[first].xy[int(min(max(starts[first] + ahead, 0.0), lengths[first]))]
-        met = float(shapely.line_locate_point(shapely.LineString(lines[name].xy), shapely.Point(at)))
+        met = lines[name].locate(*at.tolist())
         starts[name] = met if is_beside else met - rng.uniform(*MEET_M)
     for name, start in starts.items():
         if not RIM_M <= start <= lengths[name] - RIM_M - RUN_OUT_M:

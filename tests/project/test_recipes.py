@@ -301,7 +301,7 @@ def test_a_reader_is_offered_and_converts_a_log(in_scratch: Callable[..., Any]) 
 def propose_category(_: Path) -> tuple[str, list[str], list[str], str]:
     from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
     from mdrive_sumo.generate.llm_prompt import build_prompt
-    from mdrive_sumo.generate.network_features import find_networks
+    from mdrive_sumo.generate.network_choice import find_networks
     from mdrive_sumo.generate.rules import find_rule_violations
     from mdrive_sumo.generate.template_proposer import propose
 

@@ -11,20 +11,13 @@ from mdrive_sumo.generate.hard.family_encounter import (
     build_mast,
     place_encounter,
 )
-from mdrive_sumo.generate.hard.family_parts import (
-    BODY_SIZES,
-    FamilyTraffic,
-    build_scenario,
-    build_vehicle_actor,
-    compute_pose,
-    find_conflict,
-    load_network,
-    read_values,
-)
-from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_parked_vehicle
+from mdrive_sumo.worlds.placement.lane_chains import compute_pose, find_conflict
+from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
 MOUTH_M = 4.4
 """[m] From the path of CAV 0 over its own half width and the side road's other lane to where a van may stand."""
@@ -111,7 +104,7 @@ def _build_corner_vans(
     front = at - MOUTH_M - values["corner_gap_m"]
     for i in range(round(values["vans"])):
         pose = compute_pose(roads, encounter.hidden, front - length / 2, -site.corner_m)
-        made.append(build_vehicle_actor(f"van{i}", "van", pose, mirrored=False))
+        made.append(build_parked_vehicle(f"van{i}", "van", pose, mirrored=False))
         front -= length + 1.0
     return made
 

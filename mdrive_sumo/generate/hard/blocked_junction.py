@@ -13,22 +13,15 @@ from mdrive_sumo.generate.hard.family_encounter import (
     build_mast,
     place_encounter,
 )
-from mdrive_sumo.generate.hard.family_parts import (
-    BODY_SIZES,
-    FamilyTraffic,
-    Lanes,
-    build_driving_actor,
-    build_scenario,
-    find_conflict,
-    load_network,
-    read_values,
-)
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS
-from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_standing_queue, build_traffic
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_driving_actor
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, find_conflict
+from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_standing_queue, build_traffic
 
 CORRIDOR = CORRIDORS[0]
 AHEAD_GAP_M = 3.0
@@ -145,9 +138,8 @@ def _is_in_queue(one: BackgroundVehicle, site: QueueSite) -> bool:
 
 def _build_waiting(roads: RoadMap, name: str, model: str, place: tuple[Lanes, float], at_s: float) -> Actor:
     """Return a vehicle that stands in the queue, its middle at a station [m] of its chain, and drives on at `at_s`."""
-    actor = build_driving_actor(roads, name, model, (*place, BLOCKING_SPEED))
-    motion = actor.motion.model_copy(update={"start_speed": 0.0})
-    return actor.model_copy(update={"motion": motion, "trigger": TimeTrigger(at_s=at_s), "action": StartMotion()})
+    drive = (*place, BLOCKING_SPEED)
+    return build_driving_actor(roads, name, model, drive, trigger=TimeTrigger(at_s=at_s), action=StartMotion())
 
 
 def _build_beyond(roads: RoadMap, queue: Lanes, rear: float) -> list[Actor]:

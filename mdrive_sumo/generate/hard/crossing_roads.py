@@ -1,23 +1,22 @@
 """Crossings of a minor road with a priority road: a one-way street and a dual carriageway, or in a dense corridor."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mdrive_sumo.generate.hard.family import FamilyParameter
-from mdrive_sumo.generate.hard.family_parts import Lanes, find_lane_start
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS, Corridor
-from mdrive_sumo.generate.hard.family_traffic import build_traffic
-from mdrive_sumo.generate.hard.road_traffic import CAR_M, Platoon, TrafficFlow, build_flows
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
+from mdrive_sumo.worlds.placement.cavs import Platoon
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, find_lane_start
+from mdrive_sumo.worlds.streams.edge_streams import build_traffic
+from mdrive_sumo.worlds.streams.lane_flows import TrafficFlow, build_flows
 
 GOAL_M = 40.0
 """[m] Distance of the goals behind the crossing."""
 RIM_M = 6.0
 """[m] Least distance of a CAV from the beginning of its chain."""
-LEAST_GAP_M = 3.0
-"""[m] Least distance between two CAVs of a platoon."""
 VEHICLES_PER_FLOW = 0.04
 """Vehicles in a corridor for one vehicle an hour of each lane of a road: 90 for six flows of 375 veh/h."""
 
@@ -113,10 +112,9 @@ class CrossingPlatoon:
         lanes = site.find_chain(roads, self.direction, self.lane)
         speed = self.speed * site.speed_factor
         lead_m = compute_lead(roads, lanes, speed, self.due_s)
-        pitch = CAR_M + max(self.headway_s * speed, LEAST_GAP_M)
-        count = min(round(self.count), 1 + int((lead_m - RIM_M) / pitch))
         goal_m = find_lane_start(roads, lanes, lanes[-1]) + GOAL_M
-        return Platoon(lanes, count, lead_m, goal_m, speed, self.headway_s)
+        platoon = Platoon(lanes, round(self.count), lead_m, goal_m, speed, self.headway_s)
+        return replace(platoon, count=min(platoon.count, 1 + int((lead_m - RIM_M) / platoon.pitch_m)))
 
 
 def compute_lead(roads: RoadMap, lanes: Lanes, speed: float, due_s: float) -> float:

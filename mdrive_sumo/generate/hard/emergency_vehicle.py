@@ -9,9 +9,11 @@ from mdrive_sumo.generate.hard.crossing_roads import (
     find_site,
 )
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import FamilyTraffic, build_scenario, load_network, read_values
-from mdrive_sumo.generate.hard.road_traffic import CARS, build_moving_actor, build_platoons
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.worlds.placement.bodies import build_driving_actor
+from mdrive_sumo.worlds.placement.cavs import build_platoons
+from mdrive_sumo.worlds.streams.lane_flows import CARS
 
 PARAMETERS = (
     FamilyParameter("eastward", 1.0, 5.0, "", "number of CAVs that drive east, rounded"),
@@ -49,7 +51,7 @@ def _build(family: ScenarioFamily, candidate: FamilyCandidate) -> Scenario:
         for direction, name, fast, offset in ways
     ]
     egos = build_platoons(roads, [platoon.place(roads, site) for platoon in platoons])
-    ambulance = build_moving_actor("ambulance", "ambulance", roads, lane, (start_m, speed), avoid_collision=False)
+    ambulance = build_driving_actor(roads, "ambulance", "ambulance", (lane, start_m, speed), avoid_collision=False)
     flows = [
         CrossingFlow(direction, k, values["flow"], CARS, is_entering=True)
         for direction, k in (("eastward", 0), ("eastward", 1), ("westward", 1))

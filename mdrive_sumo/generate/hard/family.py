@@ -46,7 +46,8 @@ class ScenarioFamily:
     description: str
     parameters: tuple[FamilyParameter, ...]
     build: Callable[[FamilyCandidate], Scenario]
-    """Return the scenario of a candidate, without time limits. Raises `ProposalRejected` if it is unsound."""
+    """Return the scenario of a candidate, without time limits. Raises `ProposalRejected` or `NoRoomError` if it is
+    unsound."""
 
 
 def check_candidate(family: ScenarioFamily, candidate: FamilyCandidate) -> None:

@@ -4,18 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.generate.hard.family import FamilyParameter
-from mdrive_sumo.generate.hard.family_parts import (
-    Lanes,
-    build_cav,
-    build_driving_actor,
-    build_platoon,
-    compute_chain_length,
-    compute_pose,
-    find_conflict,
-)
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.placement.bodies import build_driving_actor
+from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_conflict
 
 BEYOND_M = 60.0
 """[m] Distance from a conflict to the goals."""
@@ -67,7 +61,7 @@ class PlacedEncounter:
 def place_encounter(roads: RoadMap, encounter: Encounter, values: Mapping[str, float]) -> PlacedEncounter:
     """Return the road users of an encounter, with `values` of `build_encounter_parameters`.
 
-    Distances that the chains cannot hold are shortened. Raises ProposalRejected if there is no room at all.
+    Distances that the chains cannot hold are shortened. Raises NoRoomError if there is no room at all.
     """
     at_own, at_hidden = find_conflict(roads, encounter.own, encounter.hidden)
     own_m = max(at_own - values["own_m"], RIM_M)
@@ -79,12 +73,12 @@ def place_encounter(roads: RoadMap, encounter: Encounter, values: Mapping[str, f
         min(at + BEYOND_M, compute_chain_length(roads, chain) - RIM_M)
         for at, chain in ((at_own, encounter.own), (at_hidden, encounter.hidden), (at_hidden, encounter.witness))
     ]
-    own = build_cav(roads, "0", encounter.own, own_m, goals[0], values["own_speed"])
-    witness = build_cav(roads, "1", encounter.witness, witness_m, goals[2], speed)
+    own = build_cav(roads, "0", encounter.own, (own_m, goals[0]), values["own_speed"])
+    witness = build_cav(roads, "1", encounter.witness, (witness_m, goals[2]), speed)
     has_witness = values.get("mast", 0.0) < 0.5
     drives, seen = ((own_m, goals[0]), (witness_m, goals[2]), has_witness), (witness,) if has_witness else ()
     if values["connected"] >= 0.5:
-        hidden = build_cav(roads, "hidden", encounter.hidden, hidden_m, goals[1], speed)
+        hidden = build_cav(roads, "hidden", encounter.hidden, (hidden_m, goals[1]), speed)
         return PlacedEncounter((own, hidden, *seen), (), *drives)
     actor = build_driving_actor(roads, "hidden", "car", (encounter.hidden, hidden_m, speed))
     return PlacedEncounter((own, *seen), (actor,), *drives)

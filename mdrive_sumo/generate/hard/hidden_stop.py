@@ -5,29 +5,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import (
-    BODY_SIZES,
-    FamilyTraffic,
-    Lanes,
-    build_scenario,
-    compute_chain_length,
-    compute_pose,
-    load_network,
-    read_values,
-)
-from mdrive_sumo.generate.hard.road_traffic import (
-    CAR_M,
-    CARS,
-    MIXED,
-    Platoon,
-    TrafficFlow,
-    build_flows,
-    build_moving_actor,
-    build_platoons,
-)
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, StartMotion, TimeTrigger
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
+from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_driving_actor, build_rider
+from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose
+from mdrive_sumo.worlds.placement.occupancy import CAR
+from mdrive_sumo.worlds.streams.lane_flows import CARS, MIXED, TrafficFlow, build_flows
 
 NETWORK = "hard_motorway_bend"
 LANE_M = 3.5
@@ -64,21 +51,11 @@ def build_swerving_truck(
     """
     begin, shift = swerve
     end = compute_chain_length(roads, lanes)
-    points: list[tuple[float, float]] = []
+    poses: list[Pose] = []
     for station in np.append(np.arange(start_m, end, 2.0), end).tolist():
         share = min(max((station - begin) / SWERVE_M, 0.0), 1.0)
-        pose = compute_pose(roads, lanes, station, shift * share * share * (3.0 - 2.0 * share))
-        points.append((pose.x, pose.y))
-    length, width = BODY_SIZES["truck"]
-    return Actor(
-        id="truck",
-        kind="vehicle",
-        model="truck",
-        length=length,
-        width=width,
-        start=compute_pose(roads, lanes, start_m),
-        motion=PathMotion(points=tuple(points), speed=speed, start_speed=speed),
-    )
+        poses.append(compute_pose(roads, lanes, station, shift * share * share * (3.0 - 2.0 * share)))
+    return build_rider("truck", BODIES["truck"], poses, speed)
 
 
 def _build_queue(roads: RoadMap, lanes: Lanes, values: dict[str, float]) -> Iterator[Actor]:
@@ -87,9 +64,8 @@ def _build_queue(roads: RoadMap, lanes: Lanes, values: dict[str, float]) -> Iter
     trigger = TimeTrigger(at_s=values["standing"])
     for k in range(round(values["queue"])):
         model = "van" if k % 3 == 1 else "car"
-        yield build_moving_actor(
-            f"queue{k}", model, roads, lanes, (station, 18.0), trigger=trigger, action=StartMotion()
-        )
+        drive = (lanes, station, 18.0)
+        yield build_driving_actor(roads, f"queue{k}", model, drive, trigger=trigger, action=StartMotion())
         station += BODY_SIZES[model][0] / 2 + QUEUE_GAP_M + BODY_SIZES["van" if k % 3 == 0 else "car"][0] / 2
 
 
@@ -101,9 +77,9 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     speed, queue_m = values["speed"], values["queue_at"]
     begin_m = queue_m - values["swerve_at"]
     truck_m = begin_m - speed * values["truck_time"]
-    first_m = truck_m - BODY_SIZES["truck"][0] / 2 - values["truck_gap"] * speed - CAR_M / 2
+    first_m = truck_m - BODY_SIZES["truck"][0] / 2 - values["truck_gap"] * speed - CAR.length / 2
     goal_m = min(queue_m + GOAL_M, compute_chain_length(roads, middle) - 20.0)
-    ahead_m = first_m + 40.0 + round(values["ahead"]) * (CAR_M + values["headway"] * speed)
+    ahead_m = first_m + 40.0 + round(values["ahead"]) * (CAR.length + values["headway"] * speed)
     egos = build_platoons(
         roads,
         (
@@ -114,7 +90,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     truck = build_swerving_truck(roads, middle, truck_m, (begin_m, LANE_M if side else -LANE_M), speed)
     actors = (truck, *_build_queue(roads, middle, values))
     flows = (TrafficFlow(right, values["right_flow"], MIXED), TrafficFlow(left, values["left_flow"], CARS))
-    vehicles = build_flows(roads, flows, candidate.seed, egos, actors)
+    vehicles = build_flows(roads, flows, candidate.seed, (*egos, *actors))
     return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors))
 
 

@@ -8,9 +8,10 @@ from mdrive_sumo.generate.hard.crossing_roads import (
     find_site,
 )
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import FamilyTraffic, build_scenario, load_network, read_values
-from mdrive_sumo.generate.hard.road_traffic import CARS, MIXED, build_platoons
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.worlds.placement.cavs import build_platoons
+from mdrive_sumo.worlds.streams.lane_flows import CARS, MIXED
 
 PARAMETERS = (
     FamilyParameter("northward", 2.0, 8.0, "", "number of CAVs on the minor road, rounded"),

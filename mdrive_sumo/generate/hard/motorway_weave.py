@@ -1,17 +1,12 @@
 """Family `motorway-weave`: CAVs that enter and CAVs that leave a motorway exchange lanes on a short auxiliary lane."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import (
-    FamilyTraffic,
-    RouteLaneChange,
-    build_scenario,
-    find_lane_start,
-    load_network,
-    read_values,
-)
-from mdrive_sumo.generate.hard.road_traffic import CARS, MIXED, Platoon, TrafficFlow, build_flows, build_platoons
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
+from mdrive_sumo.worlds.placement.lane_chains import RouteLaneChange, find_lane_start
+from mdrive_sumo.worlds.streams.lane_flows import CARS, MIXED, TrafficFlow, build_flows
 
 NETWORK = "hard_weave"
 CHANGE_M = 60.0

@@ -3,18 +3,14 @@
 from collections.abc import Sequence
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import (
-    FamilyTraffic,
-    Lanes,
-    build_scenario,
-    load_network,
-    read_values,
-)
-from mdrive_sumo.generate.hard.family_traffic import ParkedRow, build_parked_row
-from mdrive_sumo.generate.hard.road_traffic import CARS, Platoon, TrafficFlow, build_flows, build_platoons
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
+from mdrive_sumo.worlds.placement.lane_chains import Lanes
+from mdrive_sumo.worlds.placement.parked_vehicles import ParkedRow, build_parked_row
+from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow, build_flows
 
 NETWORK = "hard_narrow_village"
 NARROW_M = (186.0, 237.0)
@@ -64,7 +60,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     )
     actors = _build_parked_vehicles(roads, (east, west), values["vans"], values["occupied"], candidate.seed)
     flow = TrafficFlow(east, values["flow"], CARS, is_entering=True)
-    vehicles = build_flows(roads, (flow,), candidate.seed, egos, actors)
+    vehicles = build_flows(roads, (flow,), candidate.seed, (*egos, *actors))
     return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, tuple(actors)))
 
 

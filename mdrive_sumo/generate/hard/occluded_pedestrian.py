@@ -9,27 +9,23 @@ from dataclasses import dataclass
 import shapely
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import (
-    FamilyTraffic,
-    Lanes,
-    build_arrival_trigger,
-    build_cav,
-    build_crossing_actor,
-    build_platoon,
-    build_scenario,
-    compute_chain_length,
-    compute_pose,
-    find_lane_start,
-    find_station,
-    load_network,
-    read_values,
-)
-from mdrive_sumo.generate.hard.family_streets import CORRIDORS, PAVEMENT_M, Corridor, FreePlace, build_kerbside
-from mdrive_sumo.generate.hard.family_traffic import build_traffic
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.family_streets import CORRIDORS, Corridor
 from mdrive_sumo.generate.hard.passage_pedestrian import STREETS, build_passage_scene
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_arrival_trigger, build_crossing_actor
+from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
+from mdrive_sumo.worlds.placement.lane_chains import (
+    Lanes,
+    compute_chain_length,
+    compute_pose,
+    find_lane_start,
+    find_station,
+)
+from mdrive_sumo.worlds.placement.parked_vehicles import PAVEMENT_M, FreePlace, build_kerbside
+from mdrive_sumo.worlds.streams.edge_streams import build_traffic
 
 SITES = ((0, 1), (0, 2), (0, 4), (1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3))
 """Corridor and segment of the first pedestrian."""
@@ -111,7 +107,7 @@ def build_occluded_pedestrian(candidate: FamilyCandidate) -> Scenario:
     street = _find_street(values)
     roads, places = street.roads, street.places
     start = max(places[0] - values["own_m"], 3.0)
-    own = build_cav(roads, "0", street.own, start, street.goal_m, values["own_speed"])
+    own = build_cav(roads, "0", street.own, (start, street.goal_m), values["own_speed"])
     line = (own, *_build_behind(street, values, start))
     egos = (*line, *_build_oncoming(street, values, places[0] - start))
     walkers = [_build_pedestrian(street, line[k % len(line)], k, values) for k in range(len(places))]
@@ -145,7 +141,7 @@ def _build_pedestrian(street: _Street, cav: Ego, k: int, values: Mapping[str, fl
     beyond = compute_pose(street.roads, street.own, station, width - 1.65 + 3.0)
     trigger = build_arrival_trigger(cav, along - values["lead_m"])
     points = ((begin.x, begin.y), (beyond.x, beyond.y))
-    return build_crossing_actor(f"walker{k}", "pedestrian", points, values["walking_speed"], trigger)
+    return build_crossing_actor(f"walker{k}", BODIES["adult"], points, values["walking_speed"], trigger)
 
 
 def _build_oncoming(street: _Street, values: Mapping[str, float], own_m: float) -> list[Ego]:

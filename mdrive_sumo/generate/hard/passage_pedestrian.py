@@ -9,23 +9,15 @@ from dataclasses import dataclass
 import shapely
 
 from mdrive_sumo.generate.hard.blind_crossing import STREAMS_BY_NETWORK
-from mdrive_sumo.generate.hard.family_parts import (
-    FamilyTraffic,
-    Lanes,
-    build_arrival_trigger,
-    build_cav,
-    build_crossing_actor,
-    build_platoon,
-    compute_chain_length,
-    compute_pose,
-    find_station,
-    load_network,
-)
-from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, load_network
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_arrival_trigger, build_crossing_actor
+from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_station
+from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
 WALL_M = 3.65
 """[m] From the centre of the lane just behind the fronts of barns that stand close to the road."""
@@ -33,8 +25,6 @@ FREE_M = 2.0
 """[m] Least width of a passage."""
 BESIDE_M = 0.5
 """[m] Riders keep this far from the wall of a passage."""
-SCOOTER_M = (1.2, 0.6)
-"""Length and width [m] of an e-scooter with its rider."""
 DEEP_M = 22.0
 """[m] From the centre of the lane to where they begin, in the passage."""
 JUNCTION_M = 14.0
@@ -113,7 +103,7 @@ def build_passage_scene(street: PassageStreet, values: Mapping[str, float], seed
     start = max(places[0] - values["own_m"], RIM_M)
     goal = min(places[-1] + values["beyond_m"], compute_chain_length(roads, own) - RIM_M)
     speed = SPEED_FACTOR * values["own_speed"]
-    cav = build_cav(roads, "0", own, start, goal, speed)
+    cav = build_cav(roads, "0", own, (start, goal), speed)
     has_witness = values["mast"] < 0.5
     pose = compute_pose(roads, own, places[0])
     beside = find_station(roads, oncoming, pose.x, pose.y)
@@ -159,6 +149,4 @@ def _build_rider(
     begin, beyond = (compute_pose(roads, own, station, offset) for offset in (-DEEP_M, street.across_m))
     trigger = build_arrival_trigger(cav, along - values["lead_m"])
     points = ((begin.x, begin.y), (beyond.x, beyond.y))
-    actor = build_crossing_actor(name, "cyclist", points, values["riding_speed"], trigger)
-    length, width = SCOOTER_M
-    return actor.model_copy(update={"model": "e-scooter", "length": length, "width": width})
+    return build_crossing_actor(name, BODIES["e-scooter"], points, values["riding_speed"], trigger)

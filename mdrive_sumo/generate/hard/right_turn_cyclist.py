@@ -5,29 +5,26 @@ No CAV can: the row hides the cyclist from the road, and the corner house from t
 
 from dataclasses import dataclass
 
-import shapely
-
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import (
-    WALKER_SIZES,
-    FamilyTraffic,
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.family_streets import CORRIDORS, Corridor
+from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
+from mdrive_sumo.roads import RoadMap, find_lane_path
+from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_rider
+from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
+from mdrive_sumo.worlds.placement.lane_chains import (
     Lanes,
-    build_cav,
-    build_platoon,
-    build_scenario,
+    build_pose_line,
     compute_chain_length,
     compute_pose,
     find_lane_start,
     find_station,
-    load_network,
-    read_values,
 )
-from mdrive_sumo.generate.hard.family_streets import CORRIDORS, KERB_ROW_M, PAVEMENT_M, Corridor
-from mdrive_sumo.generate.hard.family_traffic import ParkedRow, build_parked_row, build_traffic
-from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
-from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion
+from mdrive_sumo.worlds.placement.parked_vehicles import KERB_ROW_M, PAVEMENT_M, ParkedRow, build_parked_row
+from mdrive_sumo.worlds.streams.edge_streams import build_traffic
 
 SITES = ((0, 1, 1), (0, 2, 1), (1, 1, 1), (1, 2, 1), (1, 3, 1), (2, 1, 2))
 """Corridor, junction, and SUMO index of the side street's lane. Green or without a light in the first seconds."""
@@ -61,22 +58,19 @@ def _find_corner(site: float) -> _Corner:
     turn = find_lane_path(roads, f"east_0_{lane}", f"south_{junction}_out_{side_lane}")
     last = f"east_{junction - 1}_{lane}"
     stop = find_lane_start(roads, straight, last) + roads.lanes[last].centre.length
-    ride = shapely.LineString(_build_ride(roads, straight, (stop - 20.0, stop + BEYOND_STOP_LINE_M)))
-    bend = shapely.LineString(
-        [(pose.x, pose.y) for pose in (compute_pose(roads, turn, stop + d) for d in range(int(BEYOND_STOP_LINE_M)))]
-    )
-    met = ride.intersection(bend)
+    ride = _build_ride(roads, straight, (stop - 20.0, stop + BEYOND_STOP_LINE_M))
+    bend = [compute_pose(roads, turn, stop + d) for d in range(int(BEYOND_STOP_LINE_M))]
+    met = build_pose_line(ride).intersection(build_pose_line(bend))
     if met.is_empty:
         raise ProposalRejected(PipelineStage.WAYS, f"network {roads.name}: expected a turn that crosses the pavement")
     return _Corner(corridor, roads, straight, turn, stop, find_station(roads, turn, met.centroid.x, met.centroid.y))
 
 
-def _build_ride(roads: RoadMap, straight: Lanes, between: tuple[float, float]) -> list[tuple[float, float]]:
-    """Return points [m] on the pavement beside a chain of lanes, about every 3 m."""
+def _build_ride(roads: RoadMap, straight: Lanes, between: tuple[float, float]) -> list[Pose]:
+    """Return poses on the pavement beside a chain of lanes, about every 3 m."""
     count = max(int((between[1] - between[0]) / 3.0), 2)
     stations = [between[0] + (between[1] - between[0]) * i / (count - 1) for i in range(count)]
-    poses = [compute_pose(roads, straight, station, -PAVEMENT_M) for station in stations]
-    return [(pose.x, pose.y) for pose in poses]
+    return [compute_pose(roads, straight, station, -PAVEMENT_M) for station in stations]
 
 
 def build_right_turn_cyclist(candidate: FamilyCandidate) -> Scenario:
@@ -86,7 +80,7 @@ def build_right_turn_cyclist(candidate: FamilyCandidate) -> Scenario:
     roads = corner.roads
     start = max(corner.crossing_m - values["own_m"], 3.0)
     goal = min(corner.crossing_m + 50.0, compute_chain_length(roads, corner.turn) - 3.0)
-    own = build_cav(roads, "0", corner.turn, start, goal, values["own_speed"])
+    own = build_cav(roads, "0", corner.turn, (start, goal), values["own_speed"])
     needed_s = (corner.crossing_m - start) / MEAN_SPEED + values["gap_s"]
     cyclist = _build_cyclist(corner, max(needed_s, 1.0), values["cycling_speed"])
     end = corner.stop_m - values["row_end_m"]
@@ -109,18 +103,8 @@ def _build_cyclist(corner: _Corner, needed_s: float, speed: float) -> Actor:
     pose = compute_pose(corner.roads, corner.turn, corner.crossing_m)
     crossing = find_station(corner.roads, corner.straight, pose.x, pose.y)
     begin = max(crossing - speed * needed_s, 1.0)
-    points = _build_ride(corner.roads, corner.straight, (begin, crossing + BEYOND_STOP_LINE_M))
-    start = compute_pose(corner.roads, corner.straight, begin, -PAVEMENT_M)
-    length, width = WALKER_SIZES["cyclist"]
-    return Actor(
-        id="cyclist",
-        kind="cyclist",
-        model="bicycle",
-        length=length,
-        width=width,
-        start=start,
-        motion=PathMotion(points=tuple(points), speed=round(speed, 2), start_speed=round(speed, 2)),
-    )
+    poses = _build_ride(corner.roads, corner.straight, (begin, crossing + BEYOND_STOP_LINE_M))
+    return build_rider("cyclist", BODIES["bicycle"], poses, round(speed, 2))
 
 
 def _build_oncoming(corner: _Corner, names: list[str]) -> list[Ego]:

@@ -8,16 +8,11 @@ from mdrive_sumo.generate.hard.family_encounter import (
     build_mast,
     place_encounter,
 )
-from mdrive_sumo.generate.hard.family_parts import (
-    FamilyTraffic,
-    Lanes,
-    build_scenario,
-    load_network,
-    read_values,
-)
-from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.worlds.placement.lane_chains import Lanes
+from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
 NETWORK = "hard_roundabout"
 ARMS = ("east", "north", "west", "south")

@@ -10,24 +10,15 @@ import shapely
 
 from mdrive_sumo.generate.hard.blind_crossing import STREAMS_BY_NETWORK
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import (
-    WALKER_SIZES,
-    FamilyTraffic,
-    Lanes,
-    build_cav,
-    build_platoon,
-    build_scenario,
-    compute_chain_length,
-    compute_pose,
-    find_station,
-    load_network,
-    read_values,
-)
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS
-from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion
+from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_rider
+from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_station
+from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +122,7 @@ def build_side_street_cyclist(candidate: FamilyCandidate) -> Scenario:
     roads = found.roads
     start = max(found.own_m - values["own_m"], 3.0)
     goal = min(found.own_m + 70.0, compute_chain_length(roads, found.own) - 3.0)
-    own = build_cav(roads, "0", found.own, start, goal, values["own_speed"])
+    own = build_cav(roads, "0", found.own, (start, goal), values["own_speed"])
     needed_s = max((found.own_m - start) / street.mean_speed + values["gap_s"], 1.0)
     cyclists = [
         _build_cyclist(found, f"cyclist{k}", needed_s + k * values["headway_s"], values)
@@ -160,18 +151,7 @@ def _build_cyclist(found: _Exit, name: str, needed_s: float, values: Mapping[str
     ends = 1.0, compute_chain_length(found.roads, found.near) - 1.0
     stations = [s for s in (begin + sign * STEP_M * k for k in range(count)) if ends[0] <= s <= ends[1]]
     poses = [compute_pose(found.roads, found.near, station, -found.ride_m) for station in stations]
-    length, width = WALKER_SIZES["cyclist"]
-    return Actor(
-        id=name,
-        kind="cyclist",
-        model="bicycle",
-        length=length,
-        width=width,
-        start=poses[0],
-        motion=PathMotion(
-            points=tuple((pose.x, pose.y) for pose in poses), speed=round(speed, 2), start_speed=round(speed, 2)
-        ),
-    )
+    return build_rider(name, BODIES["bicycle"], poses, round(speed, 2))
 
 
 def _build_on_main(found: _Exit, names: list[str], witness_m: float) -> list[Ego]:

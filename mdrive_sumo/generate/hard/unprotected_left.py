@@ -11,19 +11,13 @@ from mdrive_sumo.generate.hard.family_encounter import (
     build_followers,
     place_encounter,
 )
-from mdrive_sumo.generate.hard.family_parts import (
-    BODY_SIZES,
-    FamilyTraffic,
-    build_scenario,
-    build_vehicle_actor,
-    load_network,
-    read_values,
-)
-from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_parked_vehicle
+from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
 NETWORK = "hard_arterial"
 MEAN_SPEED = 10.0
@@ -70,7 +64,7 @@ def _build_trucks(roads: RoadMap, count: int, values: Mapping[str, float]) -> li
         (x, y), yaw = centre.at(front - length / 2), centre.yaw_at(centre.length)
         x, y = x + aside * portable.sin(yaw), y - aside * portable.cos(yaw)
         pose = Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))
-        made.append(build_vehicle_actor(f"truck{i}", "truck", pose))
+        made.append(build_parked_vehicle(f"truck{i}", "truck", pose))
         front -= length + TRUCK_GAP_M
     return made
 

@@ -3,21 +3,16 @@
 from collections.abc import Iterator
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import (
-    BODY_SIZES,
-    FamilyTraffic,
-    build_scenario,
-    build_vehicle_actor,
-    find_lane_start,
-    load_network,
-    read_values,
-)
-from mdrive_sumo.generate.hard.road_traffic import CARS, Platoon, TrafficFlow, build_flows, build_platoons
+from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import find_lane_path
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_parked_vehicle
+from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
+from mdrive_sumo.worlds.placement.lane_chains import find_lane_start
+from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow, build_flows
 
 NETWORK = "hard_works_road"
 SITE_M = (-34.0, 34.0)
@@ -49,7 +44,7 @@ def build_site(trucks: int, first: float) -> Iterator[Actor]:
     free = SITE_M[1] - SITE_M[0] - trucks * length
     for k in range(trucks):
         x = SITE_M[0] + first * free + (k + 0.5) * length
-        yield build_vehicle_actor(f"truck{k}", "truck", Pose(x=round(x, 3), y=TRUCK_Y_M, yaw=0.0), mirrored=False)
+        yield build_parked_vehicle(f"truck{k}", "truck", Pose(x=round(x, 3), y=TRUCK_Y_M, yaw=0.0), mirrored=False)
     prop = PROPS["barrier"]
     for k in range(int((SITE_M[1] - SITE_M[0]) / BARRIER_PITCH_M) + 1):
         pose = Pose(x=SITE_M[0] + k * BARRIER_PITCH_M, y=BARRIER_Y_M, yaw=0.0)

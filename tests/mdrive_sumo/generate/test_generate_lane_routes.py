@@ -7,21 +7,22 @@ from pathlib import Path
 import pytest
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.category_requirements import CATEGORIES, Category, Topology
+from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.duplicates import DUPLICATE_DISTANCE, find_duplicate, scenario_distance
 from mdrive_sumo.generate.generation_search import propose_from_template
-from mdrive_sumo.generate.lane_routes import find_lane_change_routes, find_lane_routes
-from mdrive_sumo.generate.network_features import extract_features, find_networks
+from mdrive_sumo.generate.network_choice import find_networks
 from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.route_assignment import RELATIONS, assign_routes
 from mdrive_sumo.generate.selection import select_scenarios
-from mdrive_sumo.generate.spawn_points import blind_distance, blind_travel_time
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import compute_heading_change_deg, compute_route_length
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
+from mdrive_sumo.worlds.lane_routes import find_lane_change_routes, find_lane_routes
+from mdrive_sumo.worlds.network_features import Topology, extract_features
+from mdrive_sumo.worlds.placement.spawn_points import blind_distance, blind_travel_time
 
 TOPOLOGIES = {
     "avenue": Topology.CORRIDOR,

@@ -17,7 +17,6 @@ from mdrive_sumo.generate.pre_crash_spawn_points import compute_arrival_s
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import find_rule_violations
-from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED, RouteLine, blind_travel_time
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import Lane, RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
@@ -29,6 +28,8 @@ from mdrive_sumo.study.occlusion_certificate import (
     ReferenceDrive,
     find_occluded_intervals,
 )
+from mdrive_sumo.worlds.placement.lane_chains import RouteLine
+from mdrive_sumo.worlds.placement.spawn_points import BLIND_ACCELERATION, BLIND_SPEED, blind_travel_time
 
 pytestmark = pytest.mark.slow
 

@@ -10,15 +10,17 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.hard.families import FAMILIES
 from mdrive_sumo.generate.hard.family import BUCKET, FamilyCandidate, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import compute_pose, load_network
+from mdrive_sumo.generate.hard.family_scenario import load_network
 from mdrive_sumo.generate.hard.passage_pedestrian import DEEP_M, STREETS, WALL_M, PassageStreet, find_passages
-from mdrive_sumo.generate.network_features import is_hard_tier
+from mdrive_sumo.generate.network_choice import is_hard_tier
 from mdrive_sumo.generate.pipeline import ProposalRejected
 from mdrive_sumo.roads import find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.worlds.placement.cavs import NoRoomError
+from mdrive_sumo.worlds.placement.lane_chains import compute_pose
 
 POINTS = 5
 MOST_CAVS, MOST_VEHICLES = 12, 150
@@ -37,7 +39,7 @@ def build_samples(category: str) -> tuple[Scenario, ...]:
     for k in range(POINTS):
         try:
             made.append(FAMILIES[category].build(draw_candidate(FAMILIES[category], k)))
-        except ProposalRejected:
+        except (ProposalRejected, NoRoomError):
             continue
     return tuple(made)
 

@@ -20,13 +20,14 @@ from mdrive_sumo.generate.hard import (
     works_zone,
 )
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import load_network
-from mdrive_sumo.generate.hard.road_traffic import MIXED, TrafficFlow, build_flows
+from mdrive_sumo.generate.hard.family_scenario import load_network
 from mdrive_sumo.generate.pipeline import ProposalRejected
 from mdrive_sumo.roads import find_lane_path
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle, CarFollowing
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sumo import SumoWorld
+from mdrive_sumo.worlds.placement.cavs import NoRoomError
+from mdrive_sumo.worlds.streams.lane_flows import MIXED, TrafficFlow, build_flows
 
 FAMILIES: Sequence[ScenarioFamily] = tuple(
     module.FAMILY
@@ -49,7 +50,7 @@ def build(family: ScenarioFamily, number: int, **fixed: float) -> Scenario | Non
     values = [fixed.get(one.name, rng.uniform(one.low, one.high)) for one in family.parameters]
     try:
         return family.build(FamilyCandidate("x", tuple(values), f"s{number}"))
-    except ProposalRejected:
+    except (ProposalRejected, NoRoomError):
         return None
 
 

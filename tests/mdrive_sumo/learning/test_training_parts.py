@@ -18,13 +18,14 @@ from mdrive_sumo.learning.roadside_actors import (
 from mdrive_sumo.learning.training_scenarios import list_training_networks
 from mdrive_sumo.learning.training_situations import MOST_CAVS, SITUATIONS, SituationPlan
 from mdrive_sumo.learning.training_spawn_points import build_training_cavs, draw_start_speeds
-from mdrive_sumo.learning.training_traffic import TrafficRequest, build_training_traffic, locate_departure
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.vehicle.dynamics import MKZ_2017
+from mdrive_sumo.worlds.placement.occupancy import locate_departure
+from mdrive_sumo.worlds.streams.near_traffic import TrafficRequest, build_near_traffic
 
 NETWORKS = list_training_networks("train")
 CAR = MKZ_2017.length, MKZ_2017.width
@@ -161,7 +162,7 @@ def test_a_single_cav_has_a_route_on_its_lanes_within_the_bounds(network: str) -
 def build_traffic(request: TrafficRequest, seed: int) -> tuple[RoadMap, Ego, tuple[BackgroundVehicle, ...]]:
     roads, _, egos = place_cavs("lone", "train_corridor", seed)
     (ego,) = egos.values()
-    return roads, ego, build_training_traffic(roads, (ego,), (), request, random.Random(seed))
+    return roads, ego, build_near_traffic(roads, (ego,), (), request, random.Random(seed))
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.generate.built_in_drive import drive_episode
 from mdrive_sumo.generate.duplicates import find_duplicate
-from mdrive_sumo.generate.network_features import find_networks, is_for_training, is_hard_tier
+from mdrive_sumo.generate.network_choice import find_networks, is_for_training, is_hard_tier
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
 from mdrive_sumo.learning.training_scenarios import build_training_scenario, list_training_networks
 from mdrive_sumo.learning.training_situations import SITUATIONS

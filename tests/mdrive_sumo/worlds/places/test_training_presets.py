@@ -7,7 +7,7 @@ import pytest
 from testing.sampling import sampled
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.network_features import is_for_training
+from mdrive_sumo.generate.network_choice import is_for_training
 from mdrive_sumo.roads import list_packaged_networks
 from mdrive_sumo.roads.netconvert import find_netconvert
 from mdrive_sumo.worlds.places.recipe import build_draft

@@ -1,24 +1,27 @@
-"""Background vehicles of training scenarios: near the CAVs, in a queue ahead of one, and entering later."""
+"""Background vehicles around the CAVs of a scenario: near them, in a queue ahead of one, and entering later."""
 
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import shapely
 
-from mdrive_sumo.core.geometry import Float, box_corners
-from mdrive_sumo.generate.hard.family_parts import BODY_SIZES
-from mdrive_sumo.generate.hard.family_traffic import DRIVING
-from mdrive_sumo.generate.lane_routes import find_lane_routes
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.vehicle import dynamics
+from mdrive_sumo.worlds.lane_routes import find_lane_routes
+from mdrive_sumo.worlds.placement.background_vehicles import (
+    DRIVING,
+    build_background_vehicle,
+    find_continuations,
+    number_vehicles,
+)
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES
+from mdrive_sumo.worlds.placement.occupancy import CAR, Occupancy, build_box_behind, build_occupancy
 
-CAR = dynamics.MKZ_2017
 START_NEAR_CAV_M = 75.0
 """[m] Vehicles start within this distance of a CAV."""
 FREE_M, JAM_M = 9.0, 3.0
@@ -48,51 +51,17 @@ class TrafficRequest:
     is_jammed: bool = False
 
 
-@dataclass(slots=True)
-class _Occupancy:
-    """Boxes that are taken at the start, and where they are on each lane."""
-
-    boxes: list[shapely.Polygon]
-
-    def is_free(self, box: shapely.Polygon, gap: float) -> bool:
-        return all(box.distance(other) >= gap for other in self.boxes)
-
-
-def build_training_traffic(
+def build_near_traffic(
     roads: RoadMap, egos: Sequence[Ego], actors: Sequence[Actor], request: TrafficRequest, rng: random.Random
 ) -> tuple[BackgroundVehicle, ...]:
     """Return background vehicles; fewer than requested where there is no room."""
-    taken = _Occupancy([_build_box(e.start.x, e.start.y, e.start.yaw, CAR.length, CAR.width) for e in egos])
-    taken.boxes += [_build_box(a.start.x, a.start.y, a.start.yaw, a.length, a.width) for a in actors]
+    taken = build_occupancy((*egos, *actors), (), roads)
     top = rng.uniform(*TOP_MPS)
     made = list(_build_queue(roads, egos[0], request.queue, taken, rng)) if request.queue else []
     present = round(request.others * PRESENT_SHARE)
     made += _build_present(roads, egos, (present, request.is_jammed, top), taken, rng)
     made += _build_entering(roads, request.others - present, top, rng)
-    return tuple(vehicle.model_copy(update={"id": f"bg{i}"}) for i, vehicle in enumerate(made))
-
-
-def _build_box(x: float, y: float, yaw: float, length: float, width: float) -> shapely.Polygon:
-    return shapely.Polygon(box_corners(x, y, yaw, length, width))
-
-
-@lru_cache(maxsize=32)
-def _find_continuations(roads: RoadMap) -> Mapping[str, tuple[tuple[str, ...], ...]]:
-    """Return by lane the edge sequences of all routes from that lane on, for lanes outside junctions."""
-    targets_by_entry: dict[str, set[tuple[str, ...]]] = {}
-    for way in find_lane_routes(roads):
-        for k, name in enumerate(way.lanes):
-            if not roads.lanes[name].junction:
-                ahead = (roads.lanes[id_] for id_ in way.lanes[k:])
-                edges = tuple(dict.fromkeys(lane.edge for lane in ahead if not lane.junction))
-                targets_by_entry.setdefault(name, set()).add(edges)
-    return {name: tuple(sorted(edges)) for name, edges in sorted(targets_by_entry.items())}
-
-
-def locate_departure(vehicle: BackgroundVehicle, roads: RoadMap) -> shapely.Polygon:
-    """Return the box of a vehicle where it departs."""
-    lane = roads.lanes[f"{vehicle.edges[0]}_{vehicle.depart_lane}"]
-    return _place_on_lane(lane, vehicle.depart_pos_m, (vehicle.length, vehicle.width))
+    return number_vehicles(made)
 
 
 def _draw_model(rng: random.Random) -> str:
@@ -103,40 +72,25 @@ def _build_vehicle(
     model: str, edges: tuple[str, ...], lane: Lane, place: tuple[float, float, float], top: float
 ) -> BackgroundVehicle:
     """Return a vehicle; `place`: departure time [s], position of its front [m], speed [m/s]."""
-    length, width = BODY_SIZES[model]
-    return BackgroundVehicle(
-        id="bg",
-        depart_s=round(place[0], 2),
-        edges=edges,
-        depart_lane=lane.index,
-        depart_pos_m=round(place[1], 2),
-        depart_speed=round(place[2], 2),
-        length=length,
-        width=width,
-        driving=DRIVING[model].model_copy(update={"max_speed": round(top, 2)}),
-    )
-
-
-def _place_on_lane(lane: Lane, front: float, size: tuple[float, float]) -> shapely.Polygon:
-    middle = front - size[0] / 2
-    x, y = lane.centre.at(middle)
-    return _build_box(x, y, lane.centre.yaw_at(middle), *size)
+    driving = DRIVING[model].model_copy(update={"max_speed": round(top, 2)})
+    departure = dict(zip(("depart_s", "depart_pos_m", "depart_speed"), place, strict=True))
+    return build_background_vehicle(model, edges, lane.index, driving, **departure)
 
 
 def _build_queue(
-    roads: RoadMap, ego: Ego, count: int, taken: _Occupancy, rng: random.Random
+    roads: RoadMap, ego: Ego, count: int, taken: Occupancy, rng: random.Random
 ) -> Iterator[BackgroundVehicle]:
     """Return vehicles that stand on the CAV's first lane ahead of it, and drive on where it does."""
     lane = roads.lanes[ego.lanes[0]]
-    if lane.junction or lane.id not in _find_continuations(roads):
+    if lane.junction or lane.id not in find_continuations(roads):
         return
-    edges = rng.choice(_find_continuations(roads)[lane.id])
+    edges = rng.choice(find_continuations(roads)[lane.id])
     begin = lane.centre.project(ego.start.x, ego.start.y)[0]
     rear = begin + CAR.length / 2 + rng.uniform(8.0, 22.0)
     for _ in range(count):
         model = _draw_model(rng)
         front = rear + BODY_SIZES[model][0]
-        box = _place_on_lane(lane, min(front, lane.centre.length), BODY_SIZES[model])
+        box = build_box_behind(lane, min(front, lane.centre.length), BODY_SIZES[model])
         if front > lane.centre.length - 1.0 or not taken.is_free(box, 1.0):
             return
         taken.boxes.append(box)
@@ -147,7 +101,7 @@ def _build_queue(
 def _find_near_lanes(roads: RoadMap, egos: Sequence[Ego]) -> list[str]:
     starts: Float = np.array([(ego.start.x, ego.start.y) for ego in egos])
     area = shapely.MultiPoint(starts).buffer(START_NEAR_CAV_M)
-    names = _find_continuations(roads)
+    names = find_continuations(roads)
     return [name for name in names if area.intersects(shapely.LineString(roads.lanes[name].centre.xy))]
 
 
@@ -169,25 +123,27 @@ def _build_present(
     roads: RoadMap,
     egos: Sequence[Ego],
     wanted: tuple[int, bool, float],
-    taken: _Occupancy,
+    taken: Occupancy,
     rng: random.Random,
 ) -> Iterator[BackgroundVehicle]:
     """Return vehicles that are on the road at the start; `wanted`: how many, whether jammed, top speed [m/s]."""
     count, is_jammed, top = wanted
-    names = list(_find_continuations(roads)) if is_jammed else _find_near_lanes(roads, egos)
+    names = list(find_continuations(roads)) if is_jammed else _find_near_lanes(roads, egos)
     lanes = [roads.lanes[name] for name in names]
     starts = shapely.MultiPoint([(ego.start.x, ego.start.y) for ego in egos])
     area = None if is_jammed else starts.buffer(START_NEAR_CAV_M)
     drawn = (_draw_place(lanes, area, JAM_M if is_jammed else FREE_M, taken, rng) for _ in range(count if lanes else 0))
     for place in [place for place in drawn if place is not None]:  # all have their places before any has a speed
-        gap = min(_find_gaps(place, taken)[0], place.lane.centre.length - place.front_m)
+        gap = min(
+            taken.find_gaps(place.lane, place.front_m, place.length_m)[0], place.lane.centre.length - place.front_m
+        )
         speed = min(0.6 * place.lane.speed_limit, 0.8 * top, SPEED_BY_GAP * max(gap, 0.0))
-        edges = rng.choice(_find_continuations(roads)[place.lane.id])
+        edges = rng.choice(find_continuations(roads)[place.lane.id])
         yield _build_vehicle(place.model, edges, place.lane, (0.0, place.front_m, speed), top)
 
 
 def _draw_place(
-    lanes: Sequence[Lane], area: shapely.Geometry | None, gap_m: float, taken: _Occupancy, rng: random.Random
+    lanes: Sequence[Lane], area: shapely.Geometry | None, gap_m: float, taken: Occupancy, rng: random.Random
 ) -> _Place | None:
     """Return a free place, which is taken then; None if none was found. area: where its box must be, if given."""
     for _ in range(TRIES):
@@ -196,27 +152,12 @@ def _draw_place(
         front = round(rng.uniform(length + 0.5, max(lane.centre.length - 1.0, length + 1.0)), 2)
         if front > lane.centre.length:
             continue
-        place, box = _Place(model, lane, front), _place_on_lane(lane, front, BODY_SIZES[model])
+        place, box = _Place(model, lane, front), build_box_behind(lane, front, BODY_SIZES[model])
         is_near = area is None or bool(shapely.intersects(area, box))
-        if is_near and taken.is_free(box, BESIDE_M) and min(_find_gaps(place, taken)) >= gap_m:
+        if is_near and taken.is_free(box, BESIDE_M) and min(taken.find_gaps(lane, front, length)) >= gap_m:
             taken.boxes.append(box)
             return place
     return None
-
-
-def _find_gaps(place: _Place, taken: _Occupancy) -> tuple[float, float]:
-    """Return the free length [m] ahead of and behind a vehicle on its lane, at most 100 m."""
-    ahead, behind, lane = 100.0, 100.0, place.lane
-    strip = shapely.LineString(lane.centre.xy).buffer(lane.width / 2 - 0.2, cap_style="flat")
-    middle = place.front_m - place.length_m / 2
-    for box in taken.boxes:
-        if box.intersects(strip):
-            stations = [lane.centre.project(x, y)[0] for x, y in box.exterior.coords[:4]]
-            if sum(stations) / 4 > middle + 0.01:
-                ahead = min(ahead, min(stations) - place.front_m)
-            elif sum(stations) / 4 < middle - 0.01:
-                behind = min(behind, place.front_m - place.length_m - max(stations))
-    return ahead, behind
 
 
 def _build_entering(roads: RoadMap, count: int, top: float, rng: random.Random) -> list[BackgroundVehicle]:
@@ -228,7 +169,7 @@ def _build_entering(roads: RoadMap, count: int, top: float, rng: random.Random) 
         lane = roads.lanes[rng.choice(entries)]
         depart_s = max(rng.uniform(*ENTER_S), free_s[lane.id])
         free_s[lane.id] = depart_s + 3.0
-        model, edges = _draw_model(rng), rng.choice(_find_continuations(roads)[lane.id])
+        model, edges = _draw_model(rng), rng.choice(find_continuations(roads)[lane.id])
         speed = min(0.6 * lane.speed_limit, 0.8 * top)
         made.append(_build_vehicle(model, edges, lane, (depart_s, BODY_SIZES[model][0] + 0.5, speed), top))
     return sorted(made, key=lambda one: (one.depart_s, one.edges))

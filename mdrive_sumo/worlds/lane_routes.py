@@ -19,6 +19,7 @@ STRAIGHT_RAD = math.radians(35)
 U_TURN_RAD = math.radians(145)
 MAX_LANES = 40
 """Longer routes go in circles (roundabouts)."""
+OPPOSITE_RAD = math.radians(135)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +114,24 @@ def _build_route(roads: RoadMap, chain: tuple[str, ...], change_at: int = -1) ->
         change_index=change_at,
         changes_late=changes and any(roads.lanes[id_].junction for id_ in chain[:change_at]),
     )
+
+
+def are_opposite(one: LaneRoute, other: LaneRoute) -> bool:
+    """Return whether two routes come from opposite directions."""
+    return abs(wrap_angle(one.entry_yaw - other.entry_yaw)) > OPPOSITE_RAD
+
+
+def locate_junction(roads: RoadMap, way: LaneRoute) -> tuple[float, float]:
+    """Return the stations [m] of begin and end of the first junction on a route; without one, of its middle."""
+    begin, found = 0.0, None
+    for id_ in way.lanes:
+        lane = roads.lanes[id_]
+        if lane.junction:
+            found = (found[0] if found else begin, begin + lane.centre.length)
+        elif found:
+            return found
+        begin += lane.centre.length
+    return found or (begin / 2, begin / 2)
 
 
 def compute_lane_rank(roads: RoadMap, lane: Lane) -> int:

@@ -5,19 +5,12 @@ Every CAV starts from rest and, driven blindly, reaches its conflict with anothe
 
 import math
 import random
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
-
-import numpy as np
-import shapely
+from collections.abc import Iterator, Mapping
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.generate.lane_routes import LaneRoute
-from mdrive_sumo.roads import RoadMap, build_lane_route
-from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.worlds.lane_routes import LaneRoute
+from mdrive_sumo.worlds.placement.cavs import SpawnPoint
+from mdrive_sumo.worlds.placement.lane_chains import RouteLines, find_conflict_stations
 
 BLIND_SPEED, BLIND_ACCELERATION = 8.0, 2.5
 """[m/s], [m/s2] Parameters of `constant-speed` (protocol 14.2)."""
@@ -39,43 +32,6 @@ RUN_OUT_M = 14.0
 """[m] Least distance from a conflict to the goal."""
 RIM_M = 4.0
 """[m] Least distance of starts and goals from the ends of a route."""
-MEETING_M = 1.6
-"""[m] Routes within this distance of each other conflict."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RouteLine:
-    """A lane route as a line: points every metre (N, 2) [m], and where it begins on its first lane [m]."""
-
-    xy: Float
-    start_s: float
-
-
-@lru_cache(maxsize=4096)
-def build_route_line(roads: RoadMap, way: LaneRoute, change_share: float) -> RouteLine:
-    """Return the line of the whole route; a lane change begins at that share of the lane that it leaves."""
-    goal_s = roads.lanes[way.lanes[-1]].centre.length
-    route = build_lane_route(roads, way.lanes, 0.0, goal_s, _lane_change_stations(roads, way, change_share))
-    return RouteLine(route.xy, 0.0)
-
-
-def _lane_change_stations(roads: RoadMap, way: LaneRoute, share: float) -> dict[int, float]:
-    if way.change_index < 0:
-        return {}
-    return {way.change_index: share * roads.lanes[way.lanes[way.change_index]].centre.length}
-
-
-@lru_cache(maxsize=4096)
-def find_conflict_stations(one: RouteLine, other: RouteLine) -> tuple[float, float] | None:
-    """Return the stations [m] at which two routes first come together after having been apart; None if they never
-    do."""
-    near = np.asarray(shapely.distance(shapely.points(one.xy), shapely.LineString(other.xy)) < MEETING_M)
-    if near[0]:
-        return None  # they begin together: a queue
-    if not near.any():
-        return None
-    i = int(np.argmax(near))
-    return float(i), float(shapely.line_locate_point(shapely.LineString(other.xy), shapely.Point(one.xy[i])))
 
 
 def blind_travel_time(distance: float) -> float:
@@ -94,16 +50,8 @@ def blind_distance(time: float) -> float:
     return BLIND_SPEED * (time - speeding / 2)
 
 
-@dataclass(frozen=True, slots=True)
-class SpawnPoint:
-    """Stations [m] of start and goal on a line."""
-
-    start: float
-    goal: float
-
-
-RouteLines = Mapping[str, RouteLine]
 LaneRoutes = Mapping[str, LaneRoute]
+"""Lane routes by vehicle id."""
 StartStations = dict[str, float]
 """Station of the start [m] by vehicle id."""
 
@@ -121,7 +69,7 @@ def choose_spawn_points(
         return next(draw for draw in draws if isinstance(draw, str))
     starts = max(found, key=lambda draw: _count_encounters(draw, lines))
     last = {name: max((met[0] for _, met in _find_conflicts(name, lines)), default=0.0) for name in starts}
-    rims = {name: len(lines[name].xy) - 1 - RIM_M for name in starts}
+    rims = {name: lines[name].last_m - RIM_M for name in starts}
     goals = {
         name: min(max(start + route_m * rng.uniform(0.9, 1.1), last[name] + RUN_OUT_M), rims[name])
         for name, start in starts.items()
@@ -132,7 +80,7 @@ def choose_spawn_points(
 def _draw_starts(lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> StartStations | str:
     starts: StartStations = {}
     for name in ways:
-        start, length = _draw_start(name, starts, lines, ways, rng), len(lines[name].xy) - 1
+        start, length = _draw_start(name, starts, lines, ways, rng), lines[name].last_m
         if not RIM_M <= start <= length - RIM_M - RUN_OUT_M:
             return f"{name}: expected room for its start on its way of {length:.0f} m, found {start:.0f} m"
         starts[name] = start
@@ -175,28 +123,3 @@ def _draw_start(name: str, starts: StartStations, lines: RouteLines, ways: LaneR
             if RIM_M <= found <= first - LEAST_RUN_UP_M:
                 return found
     return max(first - rng.uniform(*RUN_UP_M), RIM_M)
-
-
-def build_ego(roads: RoadMap, name: str, way: LaneRoute, spawn: SpawnPoint, change_share: float) -> Ego:
-    """Return the CAV that drives a route from start to goal, at rest on the first point of its dense route."""
-    lanes, start_s, goal_s, dropped = _trim_lanes(roads, way, spawn)
-    changes = {i - dropped: s for i, s in _lane_change_stations(roads, way, change_share).items() if i >= dropped}
-    route = build_lane_route(roads, lanes, start_s, goal_s, changes)
-    xy, yaws = route.xy.tolist(), route.yaw.tolist()
-    points = tuple((round(x, 3), round(y, 3), round(yaw, 4)) for (x, y), yaw in zip(xy, yaws, strict=True))
-    x, y, yaw = points[0]
-    return Ego(id=name, start=Pose(x=x, y=y, yaw=yaw), lanes=route.lanes, route=points)
-
-
-def _trim_lanes(roads: RoadMap, way: LaneRoute, spawn: SpawnPoint) -> tuple[Sequence[str], float, float, int]:
-    """Return the lanes between start and goal, arc lengths on the first and the last, and the number of lanes removed
-    in front."""
-    begins = [0.0]
-    for i, id_ in enumerate(way.lanes[:-1]):
-        begins.append(begins[-1] + (0.0 if i == way.change_index else roads.lanes[id_].centre.length))
-    ends = [begin + roads.lanes[id_].centre.length for begin, id_ in zip(begins, way.lanes, strict=True)]
-    first = next(i for i, end in enumerate(ends) if spawn.start < end - 1.0)
-    last = next(i for i, end in enumerate(ends) if spawn.goal <= end + 1.0 and i >= first and i != way.change_index)
-    length = roads.lanes[way.lanes[last]].centre.length
-    goal_s = min(spawn.goal - begins[last], length)
-    return way.lanes[first : last + 1], spawn.start - begins[first], goal_s, first

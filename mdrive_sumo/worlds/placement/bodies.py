@@ -1,0 +1,108 @@
+"""Bodies of road users and things by model, and the scripted actors that have them."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from mdrive_sumo.core import portable
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.props import PROPS
+from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.scripted_actor import (
+    Actor,
+    KindName,
+    LaneMotion,
+    PathMotion,
+    PositionTrigger,
+    StartMotion,
+    Trigger,
+)
+from mdrive_sumo.worlds.placement.lane_chains import (
+    Lanes,
+    Spot,
+    build_pose,
+    compute_chain_length,
+    compute_pose,
+    select_lanes,
+)
+
+BODY_SIZES: Mapping[str, tuple[float, float]] = {
+    "car": (4.6, 1.85),
+    "van": (5.9, 2.0),
+    "truck": (9.5, 2.5),
+    "bus": (12.0, 2.55),
+    "ambulance": (6.2, 2.1),
+}
+"""Length and width [m] of vehicles by model; widths without mirrors. The ambulance is that of EN 1789, type C,
+rounded."""
+
+
+class Body(NamedTuple):
+    """What a road user or thing is for collisions."""
+
+    model: str
+    kind: KindName
+    length: float
+    """[m]"""
+    width: float
+    """[m]"""
+
+
+BODIES: Mapping[str, Body] = {
+    **{model: Body(model, "vehicle", *size) for model, size in BODY_SIZES.items()},
+    "adult": Body("adult", "pedestrian", 0.5, 0.5),
+    "bicycle": Body("bicycle", "cyclist", 1.8, 0.6),
+    "e-scooter": Body("e-scooter", "cyclist", 1.2, 0.6),
+    **{name: Body(name, prop.kind, prop.length, prop.width) for name, prop in PROPS.items()},
+}
+"""By model; two-wheelers with their riders."""
+
+
+def build_actor(name: str, body: Body, start: Pose, **more: object) -> Actor:
+    """Return a scripted actor; `more`: further fields of `Actor`. Without any it stands."""
+    return Actor.model_validate({"id": name, **body._asdict(), "start": start, **more})
+
+
+def build_parked_vehicle(name: str, model: str, pose: Pose, mirrored: bool = True) -> Actor:
+    """Return a standing vehicle of a model of `BODY_SIZES`: parked, or stopped in a lane."""
+    return build_actor(name, BODIES[model]._replace(model=f"parked-{model}"), pose, mirrored=mirrored)
+
+
+def build_crossing_actor(
+    name: str, body: Body, points: Sequence[Spot], speed: float, trigger: Trigger, **more: object
+) -> Actor:
+    """Return a road user that waits at the first point [m] and goes through the others when triggered."""
+    (x, y), (x1, y1) = points[0], points[1]
+    start = build_pose(x, y, portable.atan2(y1 - y, x1 - x))
+    motion = PathMotion(points=tuple((round(px, 3), round(py, 3)) for px, py in points), speed=speed)
+    return build_actor(name, body, start, motion=motion, trigger=trigger, action=StartMotion(), **more)
+
+
+def build_rider(name: str, body: Body, poses: Sequence[Pose], speed: float, start_speed: float | None = None) -> Actor:
+    """Return a road user that moves through poses from the start on; `start_speed` [m/s]: at first, if another."""
+    motion = PathMotion(
+        points=tuple((pose.x, pose.y) for pose in poses),
+        speed=speed,
+        start_speed=speed if start_speed is None else start_speed,
+    )
+    return build_actor(name, body, poses[0], motion=motion)
+
+
+def build_driving_actor(
+    roads: RoadMap, name: str, model: str, drive: tuple[Lanes, float, float], **more: object
+) -> Actor:
+    """Return a vehicle that is not connected and drives along lanes; `drive`: lanes, start [m], speed [m/s].
+
+    It stops for what is in its way, and yields to nothing else. `more`: further fields of `Actor`; with a trigger it
+    stands until then.
+    """
+    lanes, start_m, speed = drive
+    used = select_lanes(roads, lanes, start_m, compute_chain_length(roads, lanes))
+    motion = LaneMotion(lanes=used, speed=round(speed, 2), start_speed=0.0 if "trigger" in more else round(speed, 2))
+    return build_actor(name, BODIES[model], compute_pose(roads, lanes, start_m), motion=motion, **more)
+
+
+def build_arrival_trigger(ego: Ego, distance_m: float) -> PositionTrigger:
+    """Return a trigger that fires when a CAV has driven a distance [m] along its route, however long that takes."""
+    x, y, _ = ego.route[min(max(round(distance_m), 0), len(ego.route) - 1)]
+    return PositionTrigger(vehicle=ego.id, x=x, y=y, radius_m=3.0)

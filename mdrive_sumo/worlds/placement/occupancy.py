@@ -1,0 +1,78 @@
+"""Boxes of what is on the road at the start, and whether a place is free of them."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import shapely
+
+from mdrive_sumo.core.geometry import box_corners
+from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.scenario.background import BackgroundVehicle
+from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.vehicle import dynamics
+
+CAR = dynamics.MKZ_2017
+FAR_M = 100.0
+"""[m] Longer gaps along a lane count as this."""
+
+
+def build_box(pose: Pose, length: float, width: float) -> shapely.Polygon:
+    """Return a box [m] as a polygon."""
+    return shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, length, width))
+
+
+def build_user_box(user: Ego | Actor, longer_m: float = 0.0) -> shapely.Polygon:
+    """Return the box of a CAV or scripted actor at the start, `longer_m` longer."""
+    length, width = (user.length, user.width) if isinstance(user, Actor) else (CAR.length, CAR.width)
+    return build_box(user.start, length + longer_m, width)
+
+
+def build_box_behind(lane: Lane, front_m: float, size: tuple[float, float]) -> shapely.Polygon:
+    """Return the box of a vehicle of that length and width whose front bumper is at a station [m] of a lane."""
+    middle = front_m - size[0] / 2
+    (x, y), yaw = lane.centre.at(middle), lane.centre.yaw_at(middle)
+    return shapely.Polygon(box_corners(x, y, yaw, *size))
+
+
+def locate_departure(vehicle: BackgroundVehicle, roads: RoadMap) -> shapely.Polygon:
+    """Return the box of a vehicle where it departs."""
+    lane = roads.lanes[f"{vehicle.edges[0]}_{vehicle.depart_lane}"]
+    return build_box_behind(lane, vehicle.depart_pos_m, (vehicle.length, vehicle.width))
+
+
+def overlaps_building(box: shapely.Polygon, roads: RoadMap) -> bool:
+    """Return whether a box stands in a building."""
+    return any(box.intersects(building) for building in roads.building_shapes)
+
+
+@dataclass(slots=True)
+class Occupancy:
+    """Boxes that are taken at the start."""
+
+    boxes: list[shapely.Polygon]
+
+    def is_free(self, box: shapely.Polygon, gap_m: float) -> bool:
+        """Return whether a box keeps a distance [m] from all others."""
+        return all(box.distance(other) >= gap_m for other in self.boxes)
+
+    def find_gaps(self, lane: Lane, front_m: float, length_m: float) -> tuple[float, float]:
+        """Return the free length [m] ahead of and behind a vehicle on a lane, at most `FAR_M`."""
+        ahead, behind = FAR_M, FAR_M
+        strip = shapely.LineString(lane.centre.xy).buffer(lane.width / 2 - 0.2, cap_style="flat")
+        middle = front_m - length_m / 2
+        for box in self.boxes:
+            if box.intersects(strip):
+                stations = [lane.centre.project(x, y)[0] for x, y in box.exterior.coords[:4]]
+                if sum(stations) / 4 > middle + 0.01:
+                    ahead = min(ahead, min(stations) - front_m)
+                elif sum(stations) / 4 < middle - 0.01:
+                    behind = min(behind, front_m - length_m - max(stations))
+        return ahead, behind
+
+
+def build_occupancy(users: Iterable[Ego | Actor], vehicles: Sequence[BackgroundVehicle], roads: RoadMap) -> Occupancy:
+    """Return the boxes of CAVs, scripted actors and the background vehicles that are there at the start."""
+    boxes = [build_user_box(user) for user in users]
+    return Occupancy(boxes + [locate_departure(vehicle, roads) for vehicle in vehicles if vehicle.depart_s == 0.0])
