@@ -14,7 +14,7 @@ HIGHWAY_MPS = 16.0
 
 
 class Topology(StrEnum):
-    """Shapes of road (protocol 14.1)."""
+    """Shapes of road that a proposal may ask for (protocol 14.1)."""
 
     INTERSECTION = "intersection"
     T_JUNCTION = "t_junction"
