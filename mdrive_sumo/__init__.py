@@ -13,6 +13,7 @@ processes of agents stay light.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from mdrive_sumo import worlds
     from mdrive_sumo.api.episode import Episode, load_episode
     from mdrive_sumo.api.evaluation import evaluate
     from mdrive_sumo.api.open_evaluation import evaluate_open
@@ -36,6 +37,7 @@ __all__ = [
     "Suite",
     "list_suites",
     "load_suite",
+    "worlds",
     # driving
     "Simulation",
     "evaluate",
@@ -98,13 +100,18 @@ _MODULE_BY_NAME = {
     "__version__": "core.version",
 }
 
+_ROOMS = ("worlds",)
+"""Packages whose names are used with theirs in front: `md.worlds.load`."""
+
 
 def __getattr__(name: str) -> Any:
     """Import a public name on first use (PEP 562)."""
-    if name not in _MODULE_BY_NAME:
+    if name not in _MODULE_BY_NAME and name not in _ROOMS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
+    if name in _ROOMS:
+        return import_module(f"{__name__}.{name}")
     value = getattr(import_module(f"{__name__}.{_MODULE_BY_NAME[name]}"), name)
     globals()[name] = value
     return value

@@ -1,0 +1,71 @@
+"""World: a road network on which scenarios are written; drawn from a seed, packaged, or the user's own."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import suggest_name
+from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
+from mdrive_sumo.roads.network_file import NETWORK_FILE
+from mdrive_sumo.scenario.scenario import SpeedRule
+from mdrive_sumo.scenario.weather import WeatherName
+from mdrive_sumo.worlds.authoring.scenario_builder import ScenarioBuilder
+
+MAP_ENDINGS = (".net.xml", ".net.xml.gz", ".xodr", ".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
+"""Endings of the map files that `mdrive-sumo convert network` reads."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A road network for scenarios: `new_scenario` begins one."""
+
+    roads: RoadMap
+
+    @property
+    def name(self) -> str:
+        """Name of the network."""
+        return self.roads.name
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the network."""
+        return self.roads.folder
+
+    def __repr__(self) -> str:
+        roads = sum(not lane.junction for lane in self.roads.driving)
+        return f"World({self.name!r}, {roads} lanes, {len(self.roads.buildings)} buildings)"
+
+    def new_scenario(
+        self,
+        id: str,
+        *,
+        category: str = "own",
+        description: str = "",
+        signals: Literal["frozen-green", "program"] = "program",
+        speeds: SpeedRule = "road",
+        weather: WeatherName = "default",
+    ) -> ScenarioBuilder:
+        """Begin a scenario on this network: add road users, then `build()` or `save(folder)` it."""
+        return ScenarioBuilder(id, self.roads, category, description, signals, speeds, weather)
+
+
+def load(network: str | Path) -> World:
+    """Return a packaged network by its name, or one's own by its folder. Raises InputError.
+
+    `mdrive-sumo convert network FILE --out DIR` makes a folder of a SUMO net, an OpenDRIVE map or an OpenStreetMap
+    extract.
+    """
+    packaged = list_packaged_networks()
+    folder = packaged.get(str(network), Path(network))
+    if (folder / NETWORK_FILE).is_file():
+        return World(load_road_map(folder))
+    if folder.name.endswith(MAP_ENDINGS) and folder.exists():
+        raise InputError(
+            f"{network}: expected a network's folder, found a map; `mdrive-sumo convert network {network} --out DIR`"
+            " makes one of it"
+        )
+    raise InputError(
+        f"network {str(network)!r}: expected the folder of a network, with {NETWORK_FILE}, or a packaged one"
+        f" ({', '.join(packaged)}), found neither{suggest_name(str(network), packaged)}"
+    )
