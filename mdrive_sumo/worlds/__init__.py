@@ -13,6 +13,6 @@ Everything is drawn from a version and a seed: the same ones make the same bytes
 """
 
 from mdrive_sumo.worlds.authoring import ScenarioBuilder, after, near, when_at
-from mdrive_sumo.worlds.world import World, load
+from mdrive_sumo.worlds.world import World, draw, load
 
-__all__ = ["ScenarioBuilder", "World", "after", "load", "near", "when_at"]
+__all__ = ["ScenarioBuilder", "World", "after", "draw", "load", "near", "when_at"]

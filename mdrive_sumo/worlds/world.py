@@ -1,9 +1,11 @@
 """World: a road network on which scenarios are written; drawn from a seed, packaged, or the user's own."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from mdrive_sumo.core.atomic_folder import check_new_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
@@ -11,6 +13,8 @@ from mdrive_sumo.roads.network_file import NETWORK_FILE
 from mdrive_sumo.scenario.scenario import SpeedRule
 from mdrive_sumo.scenario.weather import WeatherName
 from mdrive_sumo.worlds.authoring.scenario_builder import ScenarioBuilder
+from mdrive_sumo.worlds.places import PLACES_VERSION, Place, draw_place, write_place
+from mdrive_sumo.worlds.places.place_parameters import Value
 
 MAP_ENDINGS = (".net.xml", ".net.xml.gz", ".xodr", ".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
 """Endings of the map files that `mdrive-sumo convert network` reads."""
@@ -48,6 +52,34 @@ class World:
     ) -> ScenarioBuilder:
         """Begin a scenario on this network: add road users, then `build()` or `save(folder)` it."""
         return ScenarioBuilder(id, self.roads, category, description, signals, speeds, weather)
+
+
+def draw(place: str = "crossing", seed: int | str = 0, folder: str | Path | None = None, **parameters: Value) -> World:
+    """Return a drawn place: the same kind, seed and parameters give the same bytes on every machine.
+
+    place: a kind of `worlds.places.PLACE_KINDS`; parameters: of that kind. folder: where its network is written, new or
+    empty; None: in a cache of the user (`$XDG_CACHE_HOME`, else `~/.cache`). Raises InputError.
+    """
+    drawn = draw_place(place, seed, **parameters)
+    if folder is not None:
+        target = Path(folder)
+        check_new_folder(target)
+        return World(load_road_map(_write(drawn, target)))
+    if drawn.kind in list_packaged_networks():
+        return load(drawn.kind)
+    return World(load_road_map(_write(drawn, find_cache_folder() / f"places_{PLACES_VERSION}" / drawn.name)))
+
+
+def _write(place: Place, folder: Path) -> Path:
+    try:
+        return write_place(place, folder)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+def find_cache_folder() -> Path:
+    """Return the folder of what can be drawn anew, in which a user may delete everything."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mdrive-sumo"
 
 
 def load(network: str | Path) -> World:

@@ -1,7 +1,7 @@
 """Road users of a scenario that is written by hand: CAVs, SUMO's vehicles, scripted ones, parked rows, props."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
@@ -23,16 +23,10 @@ from mdrive_sumo.scenario.scripted_actor import (
     Trigger,
 )
 from mdrive_sumo.worlds.authoring.route_steps import Point
+from mdrive_sumo.worlds.traffic.vehicle_classes import VEHICLE_CLASSES, VehicleClass, build_vehicle
 
-VehicleModel = Literal["car", "van", "truck", "bus", "motorcycle"]
-VEHICLE_SIZES: Mapping[str, tuple[float, float]] = {
-    "car": (4.6, 1.85),
-    "van": (5.9, 2.0),
-    "truck": (9.5, 2.5),
-    "bus": (12.0, 2.55),
-    "motorcycle": (2.2, 0.9),
-}
-"""Length and width [m] of vehicles by model; the motorcycle has the size of SUMO's class."""
+VehicleModel = Literal["car", "van", "truck", "bus", "motorcycle", "emergency"]
+"""A class of `VEHICLE_CLASSES`."""
 WALKER_SIZES: Mapping[KindName, tuple[float, float]] = {"pedestrian": (0.5, 0.5), "cyclist": (1.8, 0.6)}
 """Length and width [m]."""
 WALKING_SPEED, CYCLING_SPEED = 1.4, 4.5
@@ -46,18 +40,11 @@ Behaviour = Literal["start", "brake", "change-left", "change-right"]
 """What the trigger of a scripted vehicle sets off."""
 
 
-class Size(NamedTuple):
-    """Length and width [m]."""
-
-    length: float
-    width: float
-
-
-def get_size(model: str) -> Size:
-    """Return the size of a vehicle by model. Raises InputError."""
-    if model not in VEHICLE_SIZES:
-        raise InputError(f"model: {describe_unknown(model, VEHICLE_SIZES)}")
-    return Size(*VEHICLE_SIZES[model])
+def find_class(model: str) -> VehicleClass:
+    """Return size and car following of a vehicle by model. Raises InputError."""
+    if model not in VEHICLE_CLASSES:
+        raise InputError(f"model: {describe_unknown(model, VEHICLE_CLASSES)}")
+    return VEHICLE_CLASSES[model]
 
 
 def build_cav(name: str, route: Route, start_speed: float = 0.0, time_limit_s: float | None = None) -> Ego:
@@ -82,7 +69,7 @@ def build_traffic_vehicle(
     lane = roads.lanes[route.lanes[0]]
     if lane.junction:
         raise InputError(f"start: expected a lane outside junctions, found {lane.id}")
-    length, width = get_size(model)
+    length = find_class(model).length
     edges = list(dict.fromkeys(roads.lanes[one].edge for one in route.lanes if not roads.lanes[one].junction))
     x, y = route.xy[0].tolist()
     front = lane.centre.project(x, y)[0] + length / 2
@@ -91,15 +78,14 @@ def build_traffic_vehicle(
             f"start: expected room for its {length:g} m on lane {lane.id} of"
             f" {lane.centre.length:.1f} m, found its front at {front:.1f} m"
         )
-    return BackgroundVehicle(
+    return build_vehicle(
+        model,
+        tuple(edges),
         id=name,
         depart_s=depart_s,
-        edges=tuple(edges),
         depart_lane=lane.index,
         depart_pos_m=round(front, 2),
         depart_speed=speed,
-        length=length,
-        width=width,
     )
 
 
@@ -109,15 +95,15 @@ def build_scripted_vehicle(
     """Return a vehicle that follows its lanes at a speed; a trigger sets off what `behaviour` names."""
     if behaviour not in get_args(Behaviour):
         raise InputError(f"then: {describe_unknown(behaviour, get_args(Behaviour))}")
-    length, width = get_size(model)
+    body = find_class(model)
     x, y = route.xy[0].tolist()
     waits = trigger is not None and behaviour == "start"
     return Actor(
         id=name,
         kind="vehicle",
         model=model,
-        length=length,
-        width=width,
+        length=body.length,
+        width=body.width,
         start=_make_pose(x, y, float(route.yaw[0])),
         motion=LaneMotion(lanes=route.lanes, speed=speed, start_speed=0.0 if waits else speed),
         trigger=trigger,
@@ -158,7 +144,8 @@ def build_walker(name: str, kind: KindName, points: Sequence[Point], speed: floa
 
 def build_parked_row(name: str, lane: Lane, between: tuple[float, float], model: str, side: RowSide) -> Iterator[Actor]:
     """Yield parked vehicles beside a lane, from one arc length [m] to another, as many as fit. Raises InputError."""
-    length, width = get_size(model)
+    body = find_class(model)
+    length, width = body.length, body.width
     begin, end = between
     if beside := lane.left if side == "left" else lane.right:
         raise InputError(f"expected the edge of the road {side} of {lane.id}, found lane {beside}")

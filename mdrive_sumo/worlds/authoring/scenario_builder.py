@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from random import Random
 from typing import Literal, cast
 
 from pydantic import ValidationError
@@ -32,6 +33,7 @@ from mdrive_sumo.worlds.authoring.road_users import (
 )
 from mdrive_sumo.worlds.authoring.route_steps import Point, RouteSteps, build_route, check_lane
 from mdrive_sumo.worlds.authoring.suite_folder import save_in_suite
+from mdrive_sumo.worlds.traffic import TrafficDemand, draw_traffic, find_demand
 
 BUCKET = "Own"
 """Bucket of scenarios that are written by hand."""
@@ -60,6 +62,7 @@ class ScenarioBuilder:
     _vehicles: list[BackgroundVehicle] = field(default_factory=list[BackgroundVehicle], init=False, repr=False)
     _actors: list[Actor] = field(default_factory=list[Actor], init=False, repr=False)
     _rsus: list[RoadsideUnit] = field(default_factory=list[RoadsideUnit], init=False, repr=False)
+    _traffic: tuple[TrafficDemand, int] | None = field(default=None, init=False, repr=False)
     _names: set[str] = field(default_factory=set[str], init=False, repr=False)
 
     def add_cav(
@@ -145,10 +148,16 @@ class ScenarioBuilder:
             self._rsus.append(RoadsideUnit(id=name, x=at[0], y=at[1], range_m=range_m))
         return self._keep(name)
 
+    def add_traffic(self, demand: str = "town-quiet", seed: int = 0) -> None:
+        """Add traffic of a named demand of `worlds.traffic.DEMANDS`, drawn around all that is there at the end."""
+        with _Sentence(self.id, "traffic"):
+            self._traffic = find_demand(demand), seed
+
     def build(self) -> Scenario:
         """Return the scenario. Raises InputError for one that does not fit its network, or with overlapping starts."""
         if not self._egos:
             raise InputError(f"scenario {self.id}: expected at least one CAV, found none; add_cav adds one")
+        vehicles, actors = self._draw_traffic()
         with _Sentence(self.id, ""):
             scenario = Scenario(
                 id=self.id,
@@ -159,8 +168,8 @@ class ScenarioBuilder:
                 signals=self.signals,
                 speeds=self.speeds,
                 egos=tuple(self._egos),
-                background=Background(vehicles=tuple(self._vehicles)),
-                actors=tuple(self._actors),
+                background=Background(vehicles=vehicles),
+                actors=actors,
                 weather=self.weather,
                 rsus=tuple(self._rsus),
             )
@@ -168,6 +177,14 @@ class ScenarioBuilder:
         for overlap in find_spawn_overlaps(scenario, self.roads):
             raise InputError(f"scenario {self.id}: {overlap}")
         return scenario
+
+    def _draw_traffic(self) -> tuple[tuple[BackgroundVehicle, ...], tuple[Actor, ...]]:
+        """Return SUMO's vehicles and the scripted road users, with the traffic that is drawn around them."""
+        if self._traffic is None:
+            return tuple(self._vehicles), tuple(self._actors)
+        demand, seed = self._traffic
+        drawn = draw_traffic(self.roads, self._egos, self._actors, demand, Random(f"{self.id}/{seed}"))
+        return (*self._vehicles, *drawn.vehicles), drawn.actors
 
     def save(self, folder: str | Path) -> Path:
         """Build the scenario and write it, with its network, into a suite folder, new or not; return the folder."""

@@ -18,7 +18,8 @@ from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE
-from tools.build_interdrive_suite import RECIPE_FILE, build_route, parse_steps, write_suite
+from mdrive_sumo.worlds.authoring.route_steps import build_route, parse_steps
+from tools.build_interdrive_suite import RECIPE_FILE, write_suite
 
 MEASURED_FILES = (CERTIFICATE_FILE, REFERENCE_TIMES_FILE)
 
@@ -75,17 +76,17 @@ def test_routes_bend_no_tighter_than_a_car_does(suite: Suite) -> None:
 
 @pytest.mark.parametrize("text", ["", "west_in_1 5", "west_in_1 > east_out_1 5", "west_in_1 x > east_out_1 5"])
 def test_a_bad_line_of_the_recipe_is_named(text: str) -> None:
-    with pytest.raises(InputError, match=r"recipe: expected"):
+    with pytest.raises(InputError, match=r"route: expected"):
         parse_steps(text)
 
 
 def test_an_unknown_lane_is_named(street: RoadMap) -> None:
     with pytest.raises(InputError, match="found 'nowhere_1'"):
-        build_route(street, parse_steps("west_in_1 -20 > nowhere_1 5"))
+        build_route(street, "west_in_1 -20 > nowhere_1 5")
 
 
 def test_a_lane_change_begins_where_the_recipe_says(street: RoadMap) -> None:
-    route = build_route(street, parse_steps("west_in_2 -45 > west_in_1 -40 > east_out_1 10"))
+    route = build_route(street, "west_in_2 -45 > west_in_1 -40 > east_out_1 10")
     left = street.lanes["west_in_2"].centre
     apart = [abs(left.project(x, y)[1]) for x, y in route.xy[:25]]
     assert max(apart[:5]) < 0.05
