@@ -20,8 +20,8 @@ from server.drive.simulation_values import DriveFrame
 
 MAX_WAITING_TEXTS = 200
 """Text messages that wait for a browser which does not read; beyond it the connection is closed."""
-MAX_WAITING_MESSAGES = 500
-"""V2X messages that a browser which reads slowly is shown later; beyond it the oldest are left out."""
+MAX_WAITING_ROWS = {"messages": 500, "collisions": 50}
+"""V2X messages and collisions that a browser which reads slowly is shown later; of more, the oldest are left out."""
 INPUTS_PER_S = 120.0
 """Binary messages: twice as many as the fastest page sends, which is one a picture at 60 pictures a second."""
 REQUESTS_PER_S = 20.0
@@ -186,6 +186,6 @@ def _merge(key: str, old: Any, new: Any) -> Any:
     """Return what is new in two frames together."""
     if key == "names":
         return [*{row[0]: row for row in (*(old or ()), *new)}.values()]
-    if key == "messages":
-        return [*(old or ()), *new][-MAX_WAITING_MESSAGES:]
+    if key in MAX_WAITING_ROWS:
+        return [*(old or ()), *new][-MAX_WAITING_ROWS[key] :]
     return {**(old or {}), **new} if isinstance(new, Mapping) else new

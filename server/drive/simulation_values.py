@@ -104,8 +104,8 @@ class DriveFrame:
     extra: Mapping[str, Any]
     """What is new in this frame, ready for JSON; everything in the first frame of a take: `names` [[index, id, kind,
     length, width, height, model, [r, g, b]]], `signals` {light: letters}, `messages` [{from, to, kind, at, ...}],
-    `endings` {cav: word}, `drivers` {cav: driver}, `factor` (simulated by real time, about every second). `to` is the
-    list of the CAVs that received the message in this tick."""
+    `collisions` [{cav, with, id}] that begin, `endings` {cav: word}, `drivers` {cav: driver}, `factor` (simulated by
+    real time, about every second). `to` is the list of the CAVs that received the message in this tick."""
 
 
 @dataclass(frozen=True, slots=True)

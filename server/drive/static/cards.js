@@ -29,6 +29,29 @@ class Card {
   }
 }
 
+const COLLISION_MS = 5000; // long enough to be read after the first fright
+const ARTICLES = { obstacle: "an" };
+
+/** Collisions, said the moment they happen: what the own CAV hit, and what other CAVs did. */
+class CollisionNotice {
+  tell(collisions, { cav, cavs }) {
+    const own = collisions.filter((one) => one.cav === cav);
+    const others = collisions.filter((one) => one.cav !== cav && one.id !== cav);
+    const names = new Set(cavs.map(({ id }) => id));
+    const nameOther = (one) => (names.has(one.id) ? nameCav(one.id) : `${ARTICLES[one.with] ?? "a"} ${one.with}`);
+    const words = [...own.map((one) => `Collision with ${nameOther(one)}`), ...others.map((one) => `${nameCav(one.cav)}: collision with ${nameOther(one)}`)];
+    if (!words.length) return;
+    $("collision").hidden = false;
+    setText($("collision"), [...new Set(words)].join("; "));
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.hide(), COLLISION_MS);
+  }
+
+  hide() {
+    $("collision").hidden = true;
+  }
+}
+
 function paragraph(text, className) {
   return make("p", className, text);
 }

@@ -20,6 +20,7 @@ class DrivePage {
     this.picture = new Picture(tell);
     this.instruments = new Instruments();
     this.card = new Card();
+    this.collisions = new CollisionNotice();
     this.chat = new Chat((text) => this.connection.ask({ do: "say", text }), () => document.activeElement?.blur());
     this.signals = {};
     this.endings = {};
@@ -168,6 +169,7 @@ class DrivePage {
     this.clock.forget();
     this.prediction?.forget(this.number);
     this.endings = {};
+    this.collisions.hide();
     this.score = undefined;
     for (const route of this.routes?.values() ?? []) route.forget();
     const isOther = take !== this.take;
@@ -175,13 +177,14 @@ class DrivePage {
     if (isOther) this.rewind?.beginTake(take);
   }
 
-  takeExtra({ names, signals, messages, endings, drivers, factor, score }, tick) {
+  takeExtra({ names, signals, messages, collisions, endings, drivers, factor, score }, tick) {
     if (names) this.traffic.learn(names);
     if (signals) Object.assign(this.signals, signals);
     if (endings) this.takeEndings(endings);
     if (drivers) this.takeDrivers(drivers);
     if (score) this.score = score;
     if (messages) this.hear(messages, tick);
+    if (collisions) this.collisions.tell(collisions, this.welcome);
     if (factor !== undefined) this.factor = factor;
   }
 

@@ -20,6 +20,7 @@ from server.drive.simulation_values import (
     HandedOver,
     PersonInput,
 )
+from server.drive.worker.collision_watch import CollisionWatch
 from server.drive.worker.frame_builder import describe_messages
 from server.drive.worker.input_queue import InputQueue
 from server.drive.worker.journaled_take import JournaledTake
@@ -204,6 +205,7 @@ class _FrameTeller:
         self._is_first = True
         self._told_names = 0
         self._told_tick = -1
+        self._collisions = CollisionWatch()
         self._told: dict[str, dict[str, str]] = {"signals": {}, "endings": {}, "drivers": {}}
 
     def compose(self, state: FrameState, acks: dict[str, int], factor: float) -> DriveFrame:
@@ -228,6 +230,8 @@ class _FrameTeller:
             messages = simulation.episode.received_messages
             if described := describe_messages(messages, simulation.station_names, take.context.origin):
                 extra["messages"] = described
+            if begun := self._collisions.find_begun(frame):
+                extra["collisions"] = begun
         if state == FrameState.SLOW or frame.tick % TICKS_PER_SECOND == 0:
             extra["factor"] = factor
         self._told, self._told_tick, self._is_first = now, frame.tick, False

@@ -198,9 +198,10 @@ def test_a_slow_browser_misses_frames_and_nothing_new(tmp_path: Path) -> None:
         driver = await bench.join("ego_0")
         await drain(driver)
         more = [2, "new", "vehicle", 4.0, 2.0, 1.5, "car", [0, 0, 0]]
-        bench.simulation.step(signals={"J": "Gr"}, messages=MESSAGES)
+        walker, wall = ({"cav": "ego_0", "with": word, "id": ""} for word in ("pedestrian", "wall"))
+        bench.simulation.step(signals={"J": "Gr"}, messages=MESSAGES, collisions=[walker])
         bench.simulation.step(names=[more], signals={"K": "r"}, factor=0.8)
-        bench.simulation.step(messages=MESSAGES[1:], endings={"ego_1": "arrived"})
+        bench.simulation.step(messages=MESSAGES[1:], collisions=[wall], endings={"ego_1": "arrived"})
         await settle()
         (frame,) = await drain(driver)
         assert frame.tick == 3
@@ -208,6 +209,7 @@ def test_a_slow_browser_misses_frames_and_nothing_new(tmp_path: Path) -> None:
             "signals": {"J": "Gr", "K": "r"},
             "names": [more],
             "messages": [*MESSAGES, MESSAGES[1]],
+            "collisions": [walker, wall],
             "factor": 0.8,
             "endings": {"ego_1": "arrived"},
         }

@@ -237,6 +237,29 @@ def test_a_slow_simulation_says_so(opened: Opened) -> None:
     assert page.text_content("#pace") == "simulation runs at 0.80 of real time" and page.is_visible("#pace")
 
 
+def test_a_collision_is_told_at_once(opened: Opened) -> None:
+    server = opened()
+    page = started(server)
+    server.drive(2)
+    assert not page.is_visible("#collision")
+    server.extra = {
+        "collisions": [
+            {"cav": "ego_0", "with": "pedestrian", "id": "walker"},
+            {"cav": "ego_0", "with": "vehicle", "id": "ego_1"},
+            {"cav": "ego_1", "with": "vehicle", "id": "ego_0"},
+            {"cav": "ego_1", "with": "wall", "id": ""},
+        ]
+    }
+    server.drive(2)
+    words = "Collision with a pedestrian; Collision with ego_1; ego_1: collision with a wall"
+    assert page.inner_text("#collision") == words and page.is_visible("#collision")
+    assert page.evaluate(CONTRAST)["below"] == []
+    paused(server)
+    assert page.is_visible("#collision")
+    server.rewind(1, 0)
+    wait_until(page, "document.getElementById('collision').hidden")
+
+
 def test_a_spectator_watches(opened: Opened) -> None:
     server = opened(role="spectator", cav=None)
     page = server.page
