@@ -220,6 +220,14 @@ class WelcomeOut(_Model):
     takes: list["TakeOut"]
 
 
+class DriverChangeOut(_Model):
+    """A CAV has another driver from a tick on."""
+
+    tick: int
+    cav: str
+    driver: str
+
+
 class TakeOut(_Model):
     """A take of the tree."""
 
@@ -228,11 +236,15 @@ class TakeOut(_Model):
     tick: int
     """Of the branch point; 0 for a take from the start."""
     drivers: dict[str, str]
-    """CAV -> "human" or the agent that drives last."""
+    """CAV -> "human" or the agent that drives in that tick."""
+    changes: list[DriverChangeOut] = Field(default_factory=list["DriverChangeOut"])
+    """Who drove after them, in the order of ticks."""
     status: str
     """running, left, finished or void."""
     end_tick: int
     """Last tick that has been simulated."""
+    left_tick: int | None = None
+    """The tick in which its people left it; None: they drove it to its end, or still do."""
     score: float | None
     """Driving score, mean of the CAVs, in percent; None before it is scored."""
     ds: dict[str, float] = Field(default_factory=dict)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from server.drive.messages import CavOut, GhostOut, TakeOut, WelcomeOut
+from server.drive.messages import CavOut, DriverChangeOut, GhostOut, TakeOut, WelcomeOut
 from server.drive.session_rules import SessionRules
 from server.drive.simulation_process import SimulationProcess
 from server.drive.simulation_values import DriveFrame, WhatIfBranch
@@ -56,8 +56,10 @@ def list_takes(tree: TakeTree, frame: DriveFrame | None) -> list[TakeOut]:
             parent=take.parent,
             tick=take.tick,
             drivers=dict(take.drivers),
+            changes=[DriverChangeOut(tick=one.tick, cav=one.cav, driver=one.driver) for one in take.changes],
             status=str(take.status),
             end_tick=_find_end(take, frame),
+            left_tick=take.left_tick,
             score=take.score,
             ds=dict(take.ds),
             losses=dict(take.losses),

@@ -5,7 +5,7 @@ journal of its actions. The journals are the truth: what the tree says of a fini
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from enum import StrEnum, auto
 from pathlib import Path
@@ -30,6 +30,10 @@ MAX_NAME_LENGTH = 80
 """Of a CAV or a driver, as in requests (`messages.Name`)."""
 
 
+MAX_DRIVER_CHANGES = 100_000
+"""Of one take: more than journals can hold."""
+
+
 class TakeStatus(StrEnum):
     """Where a take is between its start and its recording."""
 
@@ -44,6 +48,16 @@ class TakeStatus(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class DriverChange:
+    """A CAV has another driver from a tick on."""
+
+    tick: int
+    cav: str
+    driver: str
+    """`human`, or an agent."""
+
+
+@dataclass(frozen=True, slots=True)
 class Take:
     """One drive of the scenario."""
 
@@ -54,6 +68,8 @@ class Take:
     """The first tick of its own: everything before is the same as in its parent."""
     drivers: Mapping[str, str] = field(default_factory=dict[str, str])
     """Driver by CAV in that tick."""
+    changes: tuple[DriverChange, ...] = ()
+    """Who drove after them, in the order of ticks."""
     status: TakeStatus = TakeStatus.RUNNING
     left_tick: int | None = None
     """The tick in which the people left it; None: they drove it to its end, or still do."""
@@ -62,9 +78,18 @@ class Take:
     score: float | None = None
     """Driving score, mean of the CAVs, 0 to 100, once it is finished."""
     ds: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Driving score by CAV, once it is finished."""
     losses: Mapping[str, str] = field(default_factory=dict[str, str])
     """What cost score, in words, by CAV; without those that lost nothing."""
-    """Driving score by CAV, once it is finished."""
+
+    def with_changes(self, changes: Iterable[DriverChange]) -> "Take":
+        """Return the take with these changes of drivers, as far as they are its own and change something."""
+        drivers, kept = dict(self.drivers), list[DriverChange]()
+        for one in changes:
+            if one.tick >= self.tick and drivers.get(one.cav) != one.driver:
+                drivers[one.cav] = one.driver
+                kept.append(one)
+        return replace(self, changes=tuple(kept))
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +183,7 @@ def _parse_take(path: Path, row: object) -> Take:
         parent=_read_optional(place, row, "parent"),
         tick=_read_number(place, row, "tick"),
         drivers=_read_mapping(place, row, "drivers", _is_name),
+        changes=_read_changes(place, row),
         status=_read_status(place, row),
         left_tick=_read_optional(place, row, "left_tick"),
         end_tick=_read_optional(place, row, "end_tick"),
@@ -184,6 +210,19 @@ def _read_mapping(place: str, row: Mapping[str, Any], name: str, is_sound: Calla
     if not isinstance(value, dict) or not all(_is_name(cav) and is_sound(one) for cav, one in value.items()):
         raise InputError(f"{place}: {name}: expected an object of CAVs, found {value!r:.60}")
     return value
+
+
+def _read_changes(place: str, row: Mapping[str, Any]) -> tuple[DriverChange, ...]:
+    rows = row.get("changes", [])
+    names = {one.name for one in fields(DriverChange)}
+    if not isinstance(rows, list) or len(rows) > MAX_DRIVER_CHANGES:
+        raise InputError(f"{place}: changes: expected a list of changes of drivers, found {rows!r:.60}")
+    for one in rows:
+        if not isinstance(one, dict) or set(one) != names or not (_is_name(one["cav"]) and _is_name(one["driver"])):
+            raise InputError(f"{place}: changes: expected objects with tick, cav and driver, found {one!r:.60}")
+    return tuple(
+        DriverChange(_read_number(f"{place}: changes", one, "tick"), one["cav"], one["driver"]) for one in rows
+    )
 
 
 def _is_name(value: object) -> bool:

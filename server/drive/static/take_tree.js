@@ -4,6 +4,8 @@ const SVG = "http://www.w3.org/2000/svg";
 const ROW_PX = 30;
 const LABEL_PX = 190; // room for words behind the longest line
 const MARGIN_PX = 12;
+const MOST_NAMED = 3; // stretches whose drivers are named one by one
+const NOBODY = ""; // the driver of a CAV that its person has left
 
 class TakeTree {
   /** `choose(take)` is called for a take that is clicked. */
@@ -38,6 +40,17 @@ class TakeTree {
     for (const name of ["x1", "x2"]) this.cursor?.setAttribute(name, this.xOf(tick));
   }
 
+  /** A part of a take's line in the colour of who drove; its words are shown by the pointer. */
+  drawStretch({ from, to, driver }, y) {
+    const [x1, x2] = [this.xOf(from), this.xOf(to)];
+    const line = drawn("line", { x1, x2: Math.max(x2, x1 + 1), y1: y, y2: y, stroke: `var(--${STRETCH_COLOURS[driver] ?? "mcm"})`, "data-driver": driver });
+    const words = drawn("title", {});
+    const [begin, end] = [from, to].map((tick) => formatTime(tick * TICK_S));
+    words.textContent = driver === NOBODY ? `left at ${begin}` : `${nameDriver(driver, this.cav)}, ${begin} to ${end}`;
+    line.append(words);
+    return line;
+  }
+
   drawTake(take, rows, width) {
     const y = (rows.get(take.number) + 0.5) * ROW_PX;
     const [from, to] = [this.xOf(take.tick), this.xOf(Math.max(take.end_tick, take.tick))];
@@ -49,8 +62,7 @@ class TakeTree {
       const above = (rows.get(take.parent) + 0.5) * ROW_PX;
       group.append(drawn("path", { class: "branch", d: `M${from} ${above}V${y}` }));
     }
-    const isHuman = (take.drivers[this.cav] ?? "human") === "human";
-    group.append(drawn("line", { x1: from, x2: Math.max(to, from + 1), y1: y, y2: y, stroke: `var(--${isHuman ? "focus" : "mcm"})` }));
+    for (const stretch of listStretches(take, this.cav)) group.append(this.drawStretch(stretch, y));
     group.append(drawn("circle", { cx: from, cy: y, r: 4, fill: "var(--muted)" }));
     const label = drawn("text", { x: Math.max(to, from) + 12, y: y + 4 });
     label.textContent = words.slice(0, 2).join(" · ");
@@ -70,6 +82,9 @@ class TakeTree {
   }
 }
 
+/** "human" drives in blue, agents in the colour of plans; after the person has left, nobody does. */
+const STRETCH_COLOURS = { human: "focus", [NOBODY]: "muted" };
+
 function drawn(name, attributes) {
   const element = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
@@ -83,9 +98,32 @@ function orderTakes(takes) {
   return below(null);
 }
 
-/** "take 2", "you", "score 87.5" or what it does. */
-function describeTake({ number, drivers, status, score }, cav) {
-  const driver = drivers[cav] ?? Object.values(drivers)[0] ?? "human";
+/** Who drove a CAV (of spectators: the first one) from which tick to which: [{from, to, driver}]. */
+function listStretches({ tick, end_tick, left_tick, drivers, changes = [] }, cav) {
+  const shown = cav ?? Object.keys(drivers)[0];
+  const begins = [{ from: tick, driver: drivers[shown] ?? "human" }];
+  for (const one of changes) if (one.cav === shown) begins.push({ from: one.tick, driver: one.driver });
+  const hasLeft = typeof left_tick === "number" && begins.at(-1).driver === "human";
+  if (hasLeft) begins.push({ from: left_tick, driver: NOBODY });
+  const last = Math.max(end_tick, tick);
+  const driven = begins.map((one, i) => ({ ...one, to: begins[i + 1]?.from ?? last })).filter(({ from, to }) => to > from);
+  return driven.length ? driven : [{ ...begins.at(-1), to: last }];
+}
+
+function nameDriver(driver, cav) {
+  return driver === "human" ? (cav ? "you" : "a person") : driver;
+}
+
+/** "you", "you → sharing → you", or of many stretches "you and sharing, 6 stretches". */
+function nameDrivers(take, cav) {
+  const driven = listStretches(take, cav).filter(({ driver }) => driver !== NOBODY).map(({ driver }) => nameDriver(driver, cav));
+  if (driven.length <= MOST_NAMED) return driven.join(" → ");
+  return `${[...new Set(driven)].join(" and ")}, ${driven.length} stretches`;
+}
+
+/** "take 2", "you → sharing", "score 87.5" or what it does. */
+function describeTake(take, cav) {
+  const { number, status, score } = take;
   const words = { running: "being driven", left: "left, being finished", finished: "not scored yet", void: "void" };
-  return [`take ${number}`, driver === "human" ? "you" : driver, typeof score === "number" ? `score ${score.toFixed(1)}` : words[status] ?? status];
+  return [`take ${number}`, nameDrivers(take, cav), typeof score === "number" ? `score ${score.toFixed(1)}` : words[status] ?? status];
 }

@@ -3,7 +3,7 @@
 import fcntl
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +14,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import check_tree
 from mdrive_sumo.core.output_files import make_folder, remove_parts
 from mdrive_sumo.core.private_paths import relate_path, restore_path
-from server.drive.simulation_values import DriveProblem, DriveSetup, TreeChanged
+from server.drive.simulation_values import DriveSetup
 from server.drive.take_tree import MAX_TAKE, TAKES_FOLDER, Take, TakeStatus, TakeTree, has_tree, load_tree
-from server.drive.worker.take_journal import read_journal, summarize_journal
+from server.drive.worker.take_journal import find_drivers, list_driver_changes, read_journal, summarize_journal
 
 FROM_RUN = "from_run"
 """Name in `tree.json` of the run that the drive enters, relative to the folder."""
@@ -151,8 +151,9 @@ def find_unfinished(tree: TakeTree) -> Unfinished:
             continue
         if len(ticks) > take.tick:
             found.takes.append(number)
-            left = found.tree.with_take(replace(take, status=TakeStatus.LEFT))
-            found = found._replace(tree=left, go_on=(number, len(ticks)))
+            left = replace(take, status=TakeStatus.LEFT, drivers=take.drivers or find_drivers(ticks, take.tick))
+            left = left.with_changes(list_driver_changes(ticks))
+            found = found._replace(tree=found.tree.with_take(left), go_on=(number, len(ticks)))
         else:
             drop_journal(tree, number)
             before = None if take.parent is None else (take.parent, take.tick)
@@ -179,39 +180,3 @@ def find_driven(tree: TakeTree, number: int, tick: int) -> int | None:
     take = tree.find(number)
     is_driven = tick > take.tick or summarize_journal(tree.find_journal(number))[1] > take.tick
     return number if is_driven else take.parent
-
-
-class StoredTree:
-    """The tree of takes in its folder. The server is told of every change."""
-
-    def __init__(self, tree: TakeTree, tell: Callable[[object], None]) -> None:
-        self.tree, self._tell = tree, tell
-        self.is_unsaved = False
-        """Whether the last change could not be written."""
-
-    def add(self, take: Take) -> None:
-        """Add a take, and write the tree."""
-        self.tree = self.tree.with_take(take)
-        self.save()
-
-    def drop(self, take: int) -> None:
-        """Forget a take that was not driven, and write the tree."""
-        drop_journal(self.tree, take)
-        self.tree = self.tree.without_take(take)
-        self.save()
-
-    def change(self, take: int, **values: Any) -> None:
-        """Change values of a take, and write the tree."""
-        self.add(replace(self.tree.find(take), **values))
-
-    def save(self) -> None:
-        """Write the tree. A full disk is told once; then call it again."""
-        try:
-            self.tree.save()
-            self.is_unsaved = False
-        except OSError as error:
-            if not self.is_unsaved:
-                text = f"{self.tree.folder}: cannot be written: {error.strerror}; make room, it is tried again"
-                self._tell(DriveProblem(text))
-            self.is_unsaved = True
-        self._tell(TreeChanged(self.tree))

@@ -1,12 +1,12 @@
 """What the supervisor of a drive and its processes say to each other, besides what it passes on for the server."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum, auto
 from pathlib import Path
 
 from server.drive.simulation_values import WhatIfBranch
-from server.drive.take_tree import TakeTree
+from server.drive.take_tree import DriverChange, TakeTree
 from server.drive.worker.take_journal import JournalHeader, summarize_journal
 
 
@@ -133,6 +133,8 @@ class TakeFinished:
     ds: Mapping[str, float]
     losses: Mapping[str, str]
     """What cost score, in words, by CAV."""
+    changes: Sequence[DriverChange]
+    """Who drove from which tick on, from tick 0."""
     left_tick: int | None
     motion: bytes
     """See `motion.pack_motion`."""

@@ -21,6 +21,7 @@ from server.drive.simulation_values import (
     DriveCall,
     DriveProblem,
     DriveSetup,
+    HandedOver,
     PersonInput,
     TakeEnded,
     TakeStarted,
@@ -29,7 +30,6 @@ from server.drive.take_tree import Take, TakeStatus, TakeTree
 from server.drive.worker.child import Child, ChildProcesses, ChildRole
 from server.drive.worker.drive_context import DriveContext, load_context
 from server.drive.worker.drive_folder import (
-    StoredTree,
     check_tick,
     find_driven,
     find_unfinished,
@@ -50,6 +50,7 @@ from server.drive.worker.orders import (
     WhatIfDone,
     make_order,
 )
+from server.drive.worker.stored_tree import StoredTree
 from server.drive.worker.take_process import TAKE_IS_OVER
 from server.drive.worker.waiting_takes import WaitingTakes
 from server.drive.worker.what_if_calls import WhatIfCalls
@@ -273,30 +274,42 @@ class DriveSupervisor:
 
     def _hear(self, child: Child, message: object, data: bytes) -> None:
         """Handle what a process says; what is for the server is passed on as it came."""
-        if isinstance(message, CheckpointMade):
-            connection = MessageSocket(socket.socket(fileno=child.connection.take_descriptor()))
-            line = self.tree.list_line(self._live.take) if self._live is not None else ()
-            self._children.ladder.add(message.take, message.tick, connection, line)
-            self._what_ifs.hear_checkpoint(child, message.tick)
-        elif isinstance(message, TakeReady):
-            self._hear_ready(child, message)
-        elif isinstance(message, TakeRefused):
-            self._hear_refused(child, message)
-        elif isinstance(message, TakeFinished):
-            self._hear_finished(child, message)
-        elif isinstance(message, TakeDropped):
-            child.role = ChildRole.HELPING  # it has nothing more to do than to end
-            self._children.ladder.move_take(message.take, self.tree.find(message.take).parent)
-            self.stored.drop(message.take)
-        elif isinstance(message, WhatIfDone):
-            for number, branches in self._what_ifs.hear(child, message):
-                self._answer(number, branches)
-        elif isinstance(message, CallAnswer):
+        match message:
+            case CheckpointMade():
+                self._hear_checkpoint(child, message)
+            case TakeReady():
+                self._hear_ready(child, message)
+            case TakeRefused():
+                self._hear_refused(child, message)
+            case TakeFinished():
+                self._hear_finished(child, message)
+            case TakeDropped():
+                self._hear_dropped(child, message)
+            case WhatIfDone():
+                for number, branches in self._what_ifs.hear(child, message):
+                    self._answer(number, branches)
+            case _:
+                self._pass_back(child, message, data)
+
+    def _pass_back(self, child: Child, message: object, data: bytes) -> None:
+        """Pass on what is for the server."""
+        if isinstance(message, HandedOver):
+            self.stored.note_driver(message)
+        if isinstance(message, CallAnswer):
             child.calls.pop(message.number, None)
-            if message.number:
-                self._server.send_bytes(data)
-        else:
+        if not isinstance(message, CallAnswer) or message.number:
             self._server.send_bytes(data)
+
+    def _hear_checkpoint(self, child: Child, message: CheckpointMade) -> None:
+        connection = MessageSocket(socket.socket(fileno=child.connection.take_descriptor()))
+        line = self.tree.list_line(self._live.take) if self._live is not None else ()
+        self._children.ladder.add(message.take, message.tick, connection, line)
+        self._what_ifs.hear_checkpoint(child, message.tick)
+
+    def _hear_dropped(self, child: Child, message: TakeDropped) -> None:
+        child.role = ChildRole.HELPING  # it has nothing more to do than to end
+        self._children.ladder.move_take(message.take, self.tree.find(message.take).parent)
+        self.stored.drop(message.take)
 
     def _hear_ready(self, child: Child, message: TakeReady) -> None:
         assert self._starting is not None and self._starting[0] is child, "expected the take that begins"
@@ -354,15 +367,7 @@ class DriveSupervisor:
             self._live = None
         child.role = ChildRole.HELPING  # it has nothing more to do than to end
         self._motions.add(message.take, message.motion)
-        self.stored.change(
-            message.take,
-            status=TakeStatus.FINISHED,
-            end_tick=message.end_tick,
-            left_tick=message.left_tick,
-            score=message.score,
-            ds=dict(message.ds),
-            losses=dict(message.losses),
-        )
+        self.stored.note_finished(message)
         left = message.left_tick is not None
         self._server.send(TakeEnded(message.take, message.end_tick, message.score, message.ds, left))
 

@@ -7,7 +7,7 @@ most one torn one. Lines that a branch shares with its parent are copied: each f
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import open_appended, write_bytes
 from mdrive_sumo.episode.recorder import DIGEST_BYTES
 from mdrive_sumo.runs.takes import Action, DriverChoice
+from server.drive.take_tree import DriverChange
 
 JOURNAL_FORMAT = "mdrive-sumo/drive-actions/1"
 MAX_JOURNAL_BYTES = 2**28
@@ -122,6 +123,21 @@ def _format_cav(one: CavAction) -> dict[str, Any]:
     if action.texts:
         row["x"] = list(action.texts)
     return row
+
+
+def list_driver_changes(ticks: Iterable[TickActions]) -> list[DriverChange]:
+    """Return who drives from which tick on, as the actions of all ticks from 0 on say."""
+    return [
+        DriverChange(tick, cav, one.action.driver.name)
+        for tick, actions in enumerate(ticks)
+        for cav, one in actions.cavs.items()
+        if one.action.driver is not None
+    ]
+
+
+def find_drivers(ticks: Iterable[TickActions], tick: int) -> dict[str, str]:
+    """Return the driver of each CAV in a tick, as far as the actions of the ticks up to it say."""
+    return {one.cav: one.driver for one in list_driver_changes(ticks) if one.tick <= tick}
 
 
 def read_journal(path: Path) -> tuple[JournalHeader, list[TickActions]]:

@@ -38,7 +38,13 @@ from server.drive.worker.orders import (
     TakeRefused,
     WhatIfDone,
 )
-from server.drive.worker.take_journal import CavAction, TakeJournal, TickActions, read_journal
+from server.drive.worker.take_journal import (
+    CavAction,
+    TakeJournal,
+    TickActions,
+    list_driver_changes,
+    read_journal,
+)
 from server.drive.worker.take_simulation import TakeDivergedError, TakeSimulation
 
 BACKGROUND_NICE = 15
@@ -269,8 +275,8 @@ class TakeProcess:
         ds = {ego.id: ego.ds for ego in result.egos}
         number, last = self._order.header.take, record.ticks - 1
         motion = pack_motion(number, self.simulation.frames, self._context.cavs)
-        losses = describe_losses(result)
-        self._connection.send(TakeFinished(number, last, result.ds, ds, losses, take.left_tick, motion))
+        losses, changes = describe_losses(result), list_driver_changes(self.simulation.log.ticks)
+        self._connection.send(TakeFinished(number, last, result.ds, ds, losses, changes, take.left_tick, motion))
 
     def _wait_for_room(self, text: str) -> None:
         """Say once that a file cannot be written, and wait."""

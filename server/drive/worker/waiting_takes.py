@@ -8,8 +8,8 @@ from server.drive.message_socket import MessageSocket
 from server.drive.simulation_values import DriveProblem
 from server.drive.take_tree import TakeStatus
 from server.drive.worker.child import Child, ChildProcesses, ChildRole
-from server.drive.worker.drive_folder import StoredTree
 from server.drive.worker.orders import FinishOrder, Provenance, TakeOrder
+from server.drive.worker.stored_tree import StoredTree
 from server.drive.worker.take_journal import summarize_journal
 
 MAX_LEFT = 32

@@ -9,6 +9,8 @@ from testing.drive_bench import Bench, drain, drive, problems, settle
 from mdrive_sumo.contract import Control
 from server.drive.browser_connection import Closing
 from server.drive.protocol import DriveInput, InputDevice, WireFrame, encode_input
+from server.drive.simulation_values import TreeChanged
+from server.drive.take_tree import DriverChange
 
 
 def test_inputs_reach_the_simulation_and_wrong_ones_do_not(tmp_path: Path) -> None:
@@ -130,6 +132,23 @@ def test_a_rewind_makes_a_branch_and_waits_for_all(tmp_path: Path) -> None:
         assert bench.clock_calls == ["resume", "resume"]
 
     drive(test, tmp_path, ("ego_0", "ego_1"))
+
+
+def test_the_tree_tells_who_drove_from_which_tick_on(tmp_path: Path) -> None:
+    async def test(bench: Bench) -> None:
+        driver = await bench.join("ego_0")
+        await drain(driver)
+        tree = bench.simulation.fake_tree
+        take = tree.find(1).with_changes([DriverChange(7, "ego_0", "idm")])
+        bench.simulation.emit(TreeChanged(tree.with_take(take)))
+        bench.simulation._tree = tree.with_take(take)
+        await settle()
+        (told,) = await drain(driver)
+        (shown,) = told["takes"]
+        assert shown["changes"] == [{"tick": 7, "cav": "ego_0", "driver": "idm"}]
+        assert (shown["drivers"]["ego_0"], shown["left_tick"]) == ("human", None)
+
+    drive(test, tmp_path)
 
 
 def test_a_finished_take_is_not_resumed(tmp_path: Path) -> None:

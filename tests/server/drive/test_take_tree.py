@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from mdrive_sumo.core.errors import InputError
-from server.drive.take_tree import TREE_FILE, TREE_FORMAT, Take, TakeStatus, TakeTree, load_tree
+from server.drive.take_tree import TREE_FILE, TREE_FORMAT, DriverChange, Take, TakeStatus, TakeTree, load_tree
 
 TAKES = (
-    Take(1, None, 0, {"a": "human"}, TakeStatus.FINISHED, 30, 40, 55.5, {"a": 55.5}),
-    Take(2, 1, 20, {"a": "human"}, TakeStatus.LEFT, 0),
+    Take(1, None, 0, {"a": "human"}, (), TakeStatus.FINISHED, 30, 40, 55.5, {"a": 55.5}),
+    Take(2, 1, 20, {"a": "human"}, (DriverChange(22, "a", "sharing"),), TakeStatus.LEFT, 0),
     Take(3, 2, 25, {"a": "sharing"}),
 )
 
@@ -33,6 +33,12 @@ def test_the_line_of_a_take_says_how_much_of_each_ancestor_is_part_of_it(tmp_pat
     assert list(tree.list_line(3)) == [(3, None), (2, 25), (1, 20)]
     early = tree.with_take(Take(4, 3, 10))  # before its parent's own begin
     assert list(early.list_line(4)) == [(4, None), (3, 10), (2, 10), (1, 10)]
+
+
+def test_only_own_changes_of_drivers_that_change_something_are_kept() -> None:
+    rows = [(0, "sharing"), (19, "human"), (20, "human"), (25, "sharing"), (26, "sharing"), (30, "human")]
+    take = TAKES[1].with_changes(DriverChange(tick, "a", driver) for tick, driver in rows)
+    assert take.changes == (DriverChange(25, "a", "sharing"), DriverChange(30, "a", "human"))
 
 
 def test_an_unknown_take_costs_one_sentence(tmp_path: Path) -> None:
@@ -78,6 +84,10 @@ def change(**values: Any) -> dict[str, Any]:
         (change(score=101), "score: expected a number from 0 to 100"),
         (change(score=float("nan")), "score: expected a number from 0 to 100"),
         (change(end_tick=1.5), "end_tick: expected a whole number"),
+        (change(changes={"tick": 1}), "changes: expected a list of changes of drivers"),
+        (change(changes=[{"tick": 1, "cav": "a"}]), "changes: expected objects with tick, cav and driver"),
+        (change(changes=[{"tick": 1, "cav": "a", "driver": 7}]), "changes: expected objects with tick, cav and driver"),
+        (change(changes=[{"tick": 1.5, "cav": "a", "driver": "x"}]), "changes: tick: expected a whole number"),
         (change(more=1), "takes: expected objects with"),
     ],
 )

@@ -95,6 +95,32 @@ def test_time_is_dragged_back_and_driven_anew(opened: Opened) -> None:
     assert [request["do"] for request in server.asked] == ["resume", "pause", "what-if", "rewind", "resume", "pause"]
 
 
+def test_the_tree_tells_who_drove_which_stretch(opened: Opened) -> None:
+    handed = [(300, "ego_0", "sharing"), (310, "ego_1", "idm"), (500, "ego_0", "human")]
+    changes = [{"tick": tick, "cav": cav, "driver": driver} for tick, cav, driver in handed]
+    row = {"parent": None, "tick": 0, "drivers": {"ego_0": "human", "ego_1": "sharing"}, "ds": {}, "folder": ""}
+    often = [{**changes[0], "tick": tick, "driver": ("human", "sharing")[tick % 2]} for tick in range(1, 9)]
+    ended = {**row, "status": "finished", "end_tick": 900}
+    first = {**ended, "number": 1, "left_tick": 600, "score": 50.0, "changes": changes}
+    second = {**ended, "number": 2, "left_tick": None, "score": 60.0, "changes": often}
+    third = {**row, "number": 3, "status": "running", "end_tick": 0, "left_tick": None, "score": None, "changes": []}
+    server = opened(takes=[first, second, third])
+    server.take = 3
+    page = started(server)
+    server.drive(2)
+    paused(server)
+    words = page.evaluate("[...document.querySelectorAll('#tree text')].map((one) => one.textContent)")
+    assert words[0].startswith("take 1 · you → sharing → you")
+    assert words[1].startswith("take 2 · you and sharing, 9 stretches")
+    assert words[2].startswith("take 3 · you") and "→" not in words[2]
+    lines = "[...document.querySelector('#tree .take').querySelectorAll('line')]"
+    assert page.evaluate(f"{lines}.map((one) => one.dataset.driver)") == ["human", "sharing", "human", ""]
+    told = page.evaluate(f"{lines}.map((one) => one.textContent)")
+    assert told == ["you, 0:00.0 to 0:15.0", "sharing, 0:15.0 to 0:25.0", "you, 0:25.0 to 0:30.0", "left at 0:30.0"]
+    ends = page.evaluate(f"{lines}.map((one) => [one.getAttribute('x1'), one.getAttribute('x2')].map(Number))")
+    assert [one[1] for one in ends[:-1]] == [one[0] for one in ends[1:]]
+
+
 def test_v2x_and_words(opened: Opened) -> None:
     server = opened()
     page = started(server)

@@ -18,7 +18,7 @@ from server.drive.simulation_process import (
     TakeStarted,
     TakeStatus,
 )
-from server.drive.take_tree import load_tree
+from server.drive.take_tree import DriverChange, load_tree
 from server.drive.worker.take_journal import read_journal
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
@@ -188,6 +188,9 @@ def test_the_person_takes_over_from_an_agent_and_back(suite: Path, tmp_path: Pat
         await session.drive_to(30)
         changes = [(event.cav, event.driver) for event in session.select(HandedOver) if event.tick > 0]
         assert changes == [("1", "human"), ("1", "sharing")]
+        told = [DriverChange(one.tick, one.cav, one.driver) for one in session.select(HandedOver) if one.tick > 0]
+        assert [*process.tree.takes[1].changes] == told
+        assert load_tree(tmp_path / "drive").takes[1].changes == process.tree.takes[1].changes
         for cav, driver, sentence in (
             ("9", "sharing", "CAV: expected one of 0, 1, found '9'"),
             ("1", "omniscient", "expected a driver among human, sharing"),
