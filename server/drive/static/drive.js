@@ -78,10 +78,16 @@ class DrivePage {
       tree: () => this.takeTree(message),
       waiting: () => this.takeWaiting(message),
       ghosts: () => this.rewind.takeGhosts(message),
-      problem: () => this.tell(message.text),
+      problem: () => this.takeProblem(message),
       notice: () => this.tell(message.text),
     };
     takers[message.is]?.();
+  }
+
+  /** What was refused is asked for no longer. */
+  takeProblem({ text }) {
+    this.rewind?.stopAsking();
+    this.tell(text);
   }
 
   takeWelcome(welcome) {

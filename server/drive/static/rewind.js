@@ -41,6 +41,11 @@ class Rewind {
     this.isWaiting = false;
   }
 
+  stopAsking() {
+    this.isWaiting = this.isAsking = false;
+    if (this.isOpen) this.show();
+  }
+
   takeGhosts({ take, tick, ghosts }) {
     this.ghostsOf = { take, tick };
     this.isAsking = false;
@@ -73,14 +78,22 @@ class Rewind {
     this.shown = this.page.take;
   }
 
-  /** A take that has just ended has no motion until it is stored, with its score. */
-  get isBeingStored() {
-    return this.page.state === "finished" && this.page.takes.find(({ number }) => number === this.shown)?.score === null;
+  get shownTake() {
+    return this.page.takes.find(({ number }) => number === this.shown);
   }
 
+  /** A take that has just ended has no motion until it is stored, with its score. */
+  get isBeingStored() {
+    const take = this.shownTake;
+    return this.page.state === "finished" && take?.score === null && take.status !== "void";
+  }
+
+  /** The take that goes on has come as far as the picture; one that was ended early is finished without its person, to its own end. */
   get lastTick() {
-    if (this.shown === this.page.take) return this.page.tick;
-    return this.page.takes.find(({ number }) => number === this.shown)?.end_tick ?? 0;
+    const { page } = this;
+    const take = this.shownTake;
+    if (this.shown !== page.take) return take?.end_tick ?? 0;
+    return take?.status === "finished" ? Math.max(page.tick, take.end_tick) : page.tick;
   }
 
   choose(take) {
@@ -89,21 +102,23 @@ class Rewind {
   }
 
   async load() {
-    if (this.motion || this.isLoading || this.isBeingStored) return;
+    const { shown, lastTick } = this;
+    if (this.motions.get(shown)?.ticks >= lastTick || this.isLoading || this.isBeingStored) return;
     this.isLoading = true;
     try {
-      await this.motions.load(this.shown, this.lastTick - 1);
+      await this.motions.load(shown, lastTick - 1);
       this.show();
     } catch (error) {
       this.page.tell(error.message);
     } finally {
       this.isLoading = false;
     }
+    if (this.shown !== shown || this.lastTick !== lastTick) this.load(); // the take has grown, or another one is shown
   }
 
   seek(tick) {
     this.tick = Math.min(Math.max(tick, 0), this.lastTick);
-    this.isScrubbing = this.shown !== this.page.take || this.tick < this.lastTick;
+    this.isScrubbing = this.shown !== this.page.take || this.tick !== this.page.tick;
     if (this.isScrubbing && this.page.card.shown === "end") this.page.card.hide();
     this.load();
     this.show();
@@ -117,7 +132,7 @@ class Rewind {
     $("time").setAttribute("aria-valuetext", `${(this.tick * page.welcome.tick_s).toFixed(1)} seconds`);
     setText($("time-now"), seconds(this.tick));
     setText($("time-end"), seconds(this.lastTick));
-    const take = page.takes.find(({ number }) => number === this.shown);
+    const take = this.shownTake;
     setText($("shown-take"), take ? describeTake(take, page.welcome.cav).join(" · ") : "");
     this.tree.draw(page.takes, this.shown, page.take, page.welcome.cav);
     this.tree.moveCursor(this.tick);
