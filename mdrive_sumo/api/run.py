@@ -20,6 +20,7 @@ from mdrive_sumo.runs.rescore import rescore_run
 from mdrive_sumo.runs.run_folder import load_run_results
 from mdrive_sumo.runs.stored_run import load_stored_run, load_unchecked_run
 from mdrive_sumo.runs.verify import VerificationResult
+from mdrive_sumo.scenario.season import check_one_season
 from mdrive_sumo.scoring import (
     MeanIntervals,
     Means,
@@ -143,7 +144,7 @@ class Run:
     def __repr__(self) -> str:
         info, mean = self.results[0].run, self.scores.mean
         return (
-            f"Run(suite {info.suite!r}, agent {info.agent!r}, seeds {list(self.seeds)},"
+            f"Run(suite {info.suite_label!r}, agent {info.agent!r}, seeds {list(self.seeds)},"
             f" {len(self.scores)} episodes, DS {mean.ds:.2f}, SR {mean.sr:.2f},"
             f" efficient SR {format_optional(mean.efficient_sr)}, time ratio {format_optional(mean.time_ratio)})"
         )
@@ -204,17 +205,22 @@ def load_run(folder: str | Path | Iterable[str | Path]) -> Run:
     Of a run that is going on or was interrupted these are the results of its finished episodes (`Results.planned`).
     """
     folders = tuple(map(Path, (folder,) if isinstance(folder, str | Path) else folder))
-    return Run(folders, tuple(map(load_run_results, folders)))
+    results = tuple(map(load_run_results, folders))
+    suite_by_folder = {str(place): one.run.suite for place, one in zip(folders, results, strict=True)}
+    check_one_season("load_run", suite_by_folder, "load each season by itself")
+    return Run(folders, results)
 
 
-def compare(run: Run | str | Path, other: Run | str | Path) -> RunComparison:
+def compare(run: Run | str | Path, other: Run | str | Path, *, mix_seasons: bool = False) -> RunComparison:
     """Return the paired differences `other` minus `run`, with 95 % bootstrap intervals over the scenarios.
 
     Of several seeds the mean score of each scenario is compared; scenarios that are void with any seed are left out.
-    Raises InputError for runs with different score modes or without a scenario in common.
+    mix_seasons: runs of two seasons may be compared, by scenarios of the same id. Raises InputError for runs with
+    different score modes, of two seasons otherwise, or without a scenario in common.
     """
     first, second = (given if isinstance(given, Run) else load_run(given) for given in (run, other))
-    return compare_results(_join(first), _join(second), (first.folders[0], second.folders[0]))
+    places = (first.folders[0], second.folders[0])
+    return compare_results(_join(first), _join(second), places, mix_seasons=mix_seasons)
 
 
 def _join(run: Run) -> Results:

@@ -10,8 +10,9 @@ import click
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract.agent_options import AgentFactory
+from mdrive_sumo.core.checksum import SHORT_CHECKSUM
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.plug_ins import PREFIX, SHORT_CHECKSUM, PlugIn, PlugInKind, list_plug_ins
+from mdrive_sumo.core.plug_ins import PREFIX, PlugIn, PlugInKind, list_plug_ins
 from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.generate.validation import is_hard_suite
@@ -24,7 +25,7 @@ from mdrive_sumo.runs.run_folder import ListedRun, list_runs, load_run_results
 from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.packaged_suites import list_packaged_suites, list_seasons
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.season import join_suite_name
+from mdrive_sumo.scenario.season import join_suite_name, read_stored_name
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring.metrics import METRICS, InfractionMetric
@@ -181,7 +182,7 @@ def _make_run_row(run: ListedRun) -> Sequence[str]:
         return (name, *("?",) * (len(RUNS_HEADER) - 2), f"unreadable: {run.problem}")
     facts = run.fingerprint
     seeds = str(facts.get("seeds", facts.get("seed", "?")))
-    known = (name, Path(str(facts.get("suite", "?"))).name, _name_agent(facts), seeds)
+    known = (name, read_stored_name(Path(str(facts.get("suite", "?"))).name), _name_agent(facts), seeds)
     if run.results is None:
         state = "finished, open loop" if (run.folder / OPEN_LOOP_FILE).is_file() else _describe_state(run)
         return (*known, str(run.finished), *_list_partial_scores(run), state)

@@ -159,7 +159,7 @@ def _draw(
 ) -> list[Path]:
     first = lines[0].row.results
     title = (
-        f"{first[0].run.suite}: mean of {len(first[0].scenarios)} scenarios"
+        f"{first[0].run.suite_label}: mean of {len(first[0].scenarios)} scenarios"
         f"{f' with {len(first)} seeds' if len(first) > 1 else ''}, shaded: 95 % bootstrap intervals"
     )
     pictures: list[Path] = []

@@ -21,8 +21,6 @@ from mdrive_sumo.core.checksum import compute_files_checksum
 from mdrive_sumo.core.errors import InputError
 
 PREFIX = "mdrive_sumo."
-SHORT_CHECKSUM = 12
-"""Characters of a checksum that tables show."""
 
 
 class PlugInKind(StrEnum):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.season import split_suite_name
 from mdrive_sumo.scoring import Results
 
 AS_PUBLISHED = "CARLA, as published: not ranked"
@@ -92,10 +93,10 @@ def order_buckets(names: Iterable[str]) -> tuple[str, ...]:
 
 def check_published_rows(results: Results) -> None:
     """Raise InputError unless results are of whole buckets of the paper in a suite of this package."""
-    if results.run.suite not in SUITES:
+    if split_suite_name(results.run.suite)[0] not in SUITES:
         raise InputError(
             f"--with-published: expected a suite of the paper's buckets ({', '.join(SUITES)}), found"
-            f" {results.run.suite}"
+            f" {results.run.suite_label}"
         )
     for name, bucket in results.buckets.items():
         if bucket.scenarios != BUCKET_SIZES.get(name):

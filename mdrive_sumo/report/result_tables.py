@@ -231,7 +231,7 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
     )
     return "\n".join(
         (
-            clean_line(f"suite {run.suite}, agent {describe_agent(results)}, {describe_seeds(run)}, {mode}"),
+            clean_line(f"suite {run.describe_suite()}, agent {describe_agent(results)}, {describe_seeds(run)}, {mode}"),
             "",
             format_text(build_score_table(results, captured)),
             "",

@@ -75,7 +75,7 @@ MAX_CHARACTERS = 160
 def build_run_report(results: Results, captured: CapturedCooperation | None = None) -> str:
     """Return the report: run, scores overall, per category and per scenario, and the commands for a closer look."""
     parts = (
-        f"# {clean_for_markdown(results.run.suite)}: {clean_for_markdown(describe_agent(results))}",
+        f"# {clean_for_markdown(results.run.suite_label)}: {clean_for_markdown(describe_agent(results))}",
         _facts(results),
         HOW_TO_READ,
         CAPTURED if captured else "",
@@ -111,7 +111,7 @@ def save_run_report(folder: Path, results: Results, captured: CapturedCooperatio
 def _facts(results: Results) -> str:
     run = results.run
     facts = {
-        "suite": f"{clean_for_markdown(run.suite)}, checksum {format_markdown_code(run.suite_checksum)}",
+        "suite": f"{clean_for_markdown(run.suite_label)}, checksum {format_markdown_code(run.suite_checksum)}",
         "seeds" if len(run.all_seeds) > 1 else "seed": ", ".join(map(str, run.all_seeds)),
         "score mode": clean_for_markdown(run.score_mode),
         **{name: clean_for_markdown(str(value)) for name, value in run.conditions.items()},

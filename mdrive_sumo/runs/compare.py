@@ -12,12 +12,15 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean, describe_too_few, format_interval_cells
 from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.runs.setting_differences import SettingDifference, find_setting_differences
+from mdrive_sumo.scenario.season import check_one_season
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult
 from mdrive_sumo.scoring.summary import compute_means
 
 if TYPE_CHECKING:
     import pandas as pd
 
+SEASON_REMEDY = "--mix-seasons compares scenarios of the same id; `mdrive-sumo study seasons` compares seasons"
+"""What to do with runs of two seasons."""
 OPTIONAL_SCORES = ("efficient_sr", "time_ratio")
 """Scores of a scenario that may be undefined."""
 TIE = 0.005
@@ -64,6 +67,8 @@ class RunComparison:
     settings: tuple[SettingDifference, ...] = ()
     """Settings that differ, such as the agent or the channel."""
     agents: tuple[str, str] = ("", "")
+    suites: tuple[str, str] = ("", "")
+    """Suite with season and checksum of each, as `RunInfo.describe_suite` has them."""
 
     def count_wins_ties_losses(self) -> tuple[int, int, int]:
         """Scenarios that B wins, ties and loses by driving score."""
@@ -90,13 +95,23 @@ class RunComparison:
         )
 
 
-def compare(a: Results, b: Results, places: tuple[Path | None, Path | None] = (None, None)) -> RunComparison:
+def compare(
+    a: Results,
+    b: Results,
+    places: tuple[Path | None, Path | None] = (None, None),
+    *,
+    mix_seasons: bool = False,
+) -> RunComparison:
     """Pair two runs by scenario id; void scenarios are left out, because they say nothing about the agents.
 
     Of several seeds the mean scores of each scenario are compared; one that is void with any seed is left out.
-    places: the folders or files of the runs, by which they are named. Raises InputError for runs of different score
-    modes, and if no scenario is left.
+    places: the folders or files of the runs, by which they are named. mix_seasons: runs of two seasons may be compared,
+    by scenarios of the same id. Raises InputError for runs of different score modes, of two seasons otherwise, and if
+    no scenario is left.
     """
+    if not mix_seasons:
+        suites = {f"{letter} ({one.run.agent})": one.run.suite for letter, one in zip("AB", (a, b), strict=True)}
+        check_one_season("compare", suites, SEASON_REMEDY)
     if a.run.score_mode != b.run.score_mode:
         raise InputError(
             f"compare: expected runs of one score mode, found {a.run.score_mode} and {b.run.score_mode};"
@@ -124,6 +139,7 @@ def compare(a: Results, b: Results, places: tuple[Path | None, Path | None] = (N
         warnings=tuple(_find_warnings(a, b)),
         settings=find_setting_differences(a.run, b.run, places),
         agents=(a.run.agent, b.run.agent),
+        suites=(a.run.describe_suite(), b.run.describe_suite()),
     )
 
 
@@ -143,7 +159,7 @@ def _compute_interval(differences: Sequence[float]) -> ConfidenceInterval | None
 
 def _find_warnings(a: Results, b: Results) -> list[str]:
     compared = {
-        "suite": (a.run.suite, b.run.suite),
+        "suite": (a.run.suite_label, b.run.suite_label),
         "suite checksum": (a.run.suite_checksum, b.run.suite_checksum),
         "seeds": (_list_seeds(a), _list_seeds(b)),
         "versions": select_shared_versions(a.run, b.run),
@@ -226,7 +242,8 @@ def comparison_table(comparison: RunComparison) -> str:
 def _format_names(comparison: RunComparison) -> tuple[str, ...]:
     """Return the line that names both runs; a line for each where folders name them."""
     names, agents = comparison.names, comparison.agents
-    count = f"{len(comparison.pairs)} scenarios in both"
+    shared = dict.fromkeys(comparison.suites)
+    count = f"{len(comparison.pairs)} scenarios in both, of {' and '.join(shared)}"
     if names == agents:
         return (f"A = {names[0]}, B = {names[1]}, {count}",)
     lines = (f"{letter} = {name} ({agent})" for letter, name, agent in zip("AB", names, agents, strict=True))

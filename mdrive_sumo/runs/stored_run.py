@@ -99,7 +99,7 @@ def _load_run(
     loaded = load_suite(suite or config.suite)
     if loaded.checksum() != results.run.suite_checksum:
         raise InputError(
-            f"suite {loaded.name}: expected the checksum of {folder}, {results.run.suite_checksum},"
+            f"suite {loaded.label}: expected the checksum of {folder}, {results.run.suite_checksum},"
             f" found {loaded.checksum()}"
         )
     scenarios = loaded.select(config.scenario)

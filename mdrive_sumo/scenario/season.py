@@ -4,9 +4,12 @@ Season 0 is older than seasons: its files and results name none. So a name in a 
 means season 0 if it has no season; a name that a user types means the newest public one.
 """
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from pydantic import Field, StrictInt, StringConstraints
+
+from mdrive_sumo.core.errors import InputError
 
 SEASON_SUITES = ("interdrive", "interaction", "v2xpnp", "mdrive")
 """Names of the suites that every season has, the one that is made of the others last."""
@@ -47,6 +50,25 @@ def get_season(name: str, season: int | str | None) -> int | str | None:
 def write_stored_name(name: str) -> str:
     """Return what files hold for the exact name of a packaged suite: `mdrive` for `mdrive@0`, others as they are."""
     return name.removesuffix(f"{SEASON_SIGN}{FIRST_SEASON}")
+
+
+def check_one_season(command: str, suite_by_place: Mapping[str, str], remedy: str) -> None:
+    """Raise InputError for suites of different seasons; those without seasons go with all.
+
+    suite_by_place: names of suites as files hold them, by the run or file that has them. remedy: what to do instead.
+    """
+    seasoned = [(place, name) for place, name in suite_by_place.items() if find_stored_season(name)]
+    for place, name in seasoned[1:]:
+        if find_stored_season(name) != find_stored_season(seasoned[0][1]):
+            raise InputError(
+                f"{command}: expected runs of one season, found {read_stored_name(seasoned[0][1])} in {seasoned[0][0]}"
+                f" and {read_stored_name(name)} in {place}; {remedy}"
+            )
+
+
+def find_stored_season(name: str) -> str:
+    """Return the season of the name of a suite in a file, as text: "0" if it names none, "" if it has no seasons."""
+    return split_suite_name(read_stored_name(name))[1]
 
 
 def read_stored_name(name: str) -> str:

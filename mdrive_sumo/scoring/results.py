@@ -5,9 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
 from mdrive_sumo.contract import TrackName
+from mdrive_sumo.core.checksum import SHORT_CHECKSUM
 from mdrive_sumo.core.setting import Scalar
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode.episode_options import CONDITIONS
+from mdrive_sumo.scenario.season import find_stored_season, read_stored_name
 
 FORMAT = "mdrive-sumo/results/4"
 EpisodeKey = tuple[str, int]
@@ -192,6 +194,7 @@ class _RunFacts(_Part):
     penetration: int | None = Field(default=None, exclude_if=lambda penetration: penetration is None)
     """Percentage of the CAVs under test; absent if it is one CAV, or all."""
     suite: str
+    """Name of the suite, with its season unless that is season 0: `mdrive@1`, `mdrive`."""
     suite_checksum: str
     seed: int
     """The first seed."""
@@ -216,6 +219,20 @@ class _RunFacts(_Part):
         """
         values = {condition.label: getattr(self, condition.key) for condition in CONDITIONS}
         return {label: "unknown" if value == "" else value for label, value in values.items()}
+
+    @property
+    def suite_label(self) -> str:
+        """Name of the suite with any season, as people read it: `mdrive@0`."""
+        return read_stored_name(self.suite)
+
+    @property
+    def season(self) -> str:
+        """The season of the suite: "0" if it names none; "" if it has no seasons."""
+        return find_stored_season(self.suite)
+
+    def describe_suite(self) -> str:
+        """Return the suite with its season and the beginning of its checksum: `mdrive@0 (344da55d63ee)`."""
+        return f"{self.suite_label} ({self.suite_checksum.removeprefix('sha256:')[:SHORT_CHECKSUM]})"
 
     @property
     def all_seeds(self) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ from dataclasses import asdict
 
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE, judge_interval
 from mdrive_sumo.core.tables import Table, format_csv, format_markdown, make_row, make_text_columns, make_text_table
+from mdrive_sumo.scenario.season import read_stored_name
 from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary
 from mdrive_sumo.study.study_files import (
     StudyDescription,
@@ -59,7 +60,7 @@ def gain_csv(summary: GainSummary) -> str:
 def gain_markdown(about: StudyDescription, rows: Sequence[GainRow], summary: GainSummary) -> str:
     """Return the study as a page."""
     parts = (
-        f"# {about.suite}: what sharing gains, and by what",
+        f"# {read_stored_name(about.suite)}: what sharing gains, and by what",
         list_study_facts(about, rows[0].results[0].run, summary.void),
         HOW_TO_READ,
         "\n".join(f"- **{part.name}**: {part.meaning}" for part in PARTS),

@@ -19,6 +19,7 @@ from mdrive_sumo.core.tables import (
     make_text_columns,
 )
 from mdrive_sumo.report.result_tables import CAPTURED_COLUMN, describe_agent, list_percent
+from mdrive_sumo.scenario.season import read_stored_name
 from mdrive_sumo.scoring import Means, Results, RunInfo
 from mdrive_sumo.study.study_summary import StudyLine
 from mdrive_sumo.v2x.comm_settings import describe_comm
@@ -106,7 +107,7 @@ def list_study_facts(about: StudyDescription, run: RunInfo, void: int) -> str:
     """Return the facts above the tables of a study of agents, as a Markdown list."""
     return format_facts(
         {
-            "suite": f"{about.suite}, checksum `{run.suite_checksum}`, scenarios `{about.scenario}`",
+            "suite": f"{read_stored_name(about.suite)}, checksum `{run.suite_checksum}`, scenarios `{about.scenario}`",
             "left out as void": str(void),
             "seeds": ", ".join(map(str, about.seeds)),
             "channel": ", ".join(f"{name} {value}" for name, value in run.comm.items()),
@@ -140,7 +141,7 @@ def run_to_dict(results: Results) -> dict[str, Any]:
 def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures: Sequence[Path]) -> str:
     """Return the study as a page: facts, how to read it, the table, and the plots beside it."""
     parts = (
-        f"# {about.suite}: the channel and what it does",
+        f"# {read_stored_name(about.suite)}: the channel and what it does",
         _format_facts(about, lines),
         HOW_TO_READ,
         CAPTURED if _has_captured(lines) else "",
@@ -154,7 +155,7 @@ def _format_facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
     run = lines[0].row.results[0].run
     channel = ", ".join(f"{name} {value}" for name, value in describe_comm(lines[0].row.condition.comm).items())
     facts = {
-        "suite": f"{about.suite}, checksum `{run.suite_checksum}`, scenarios `{about.scenario}`,"
+        "suite": f"{read_stored_name(about.suite)}, checksum `{run.suite_checksum}`, scenarios `{about.scenario}`,"
         f" {len(lines[0].row.results[0].scenarios)} of them",
         "seeds": ", ".join(map(str, about.seeds)),
         "conditions": GRID_TEXT[about.grid],

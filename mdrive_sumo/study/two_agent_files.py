@@ -15,6 +15,7 @@ from mdrive_sumo.core.tables import (
     make_text_columns,
     make_text_table,
 )
+from mdrive_sumo.scenario.season import read_stored_name
 from mdrive_sumo.study.cross_play import CrossPlaySummary
 from mdrive_sumo.study.penetration import PenetrationSummary
 from mdrive_sumo.study.study_files import (
@@ -94,7 +95,7 @@ def penetration_csv(summary: PenetrationSummary) -> str:
 
 def cross_play_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], summary: CrossPlaySummary) -> str:
     """Return the study as a page."""
-    title = f"# {about.suite}: agents among CAVs of other agents"
+    title = f"# {read_stored_name(about.suite)}: agents among CAVs of other agents"
     tables = (
         "## With strangers",
         format_markdown(build_strangers_table(summary)),
@@ -106,7 +107,7 @@ def cross_play_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], su
 
 def penetration_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], summary: PenetrationSummary) -> str:
     """Return the study as a page."""
-    title = f"# {about.suite}: a share of the CAVs connected"
+    title = f"# {read_stored_name(about.suite)}: a share of the CAVs connected"
     table = format_markdown(build_penetration_table(summary))
     return _join((title, list_study_facts(about, rows[0].results[0].run, summary.void), PENETRATION, table))
 

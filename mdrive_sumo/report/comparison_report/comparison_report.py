@@ -109,7 +109,7 @@ def build_comparison_report(
 
 def _make_title(agents: Sequence[ComparedAgent]) -> str:
     names = ", ".join(agent.name for agent in agents) if len(agents) <= 3 else f"{len(agents)} agents"
-    return f"{agents[0].results.run.suite}: {names}"
+    return f"{agents[0].results.run.suite_label}: {names}"
 
 
 def _make_category_section(agents: Sequence[ComparedAgent]) -> ReportSection:

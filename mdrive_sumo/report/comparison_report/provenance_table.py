@@ -4,12 +4,13 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdrive_sumo.core.checksum import SHORT_CHECKSUM
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.private_paths import hide_place
 from mdrive_sumo.core.tables import Table, make_row, make_text_columns
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, describe_code
 from mdrive_sumo.report.comparison_report.drive_conditions import SEEDS, find_differing_conditions
-from mdrive_sumo.report.comparison_report.report_runs import SHORT_CHECKSUM, ReportRun
+from mdrive_sumo.report.comparison_report.report_runs import ReportRun
 from mdrive_sumo.report.result_tables import describe_missing_reference
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.scoring import EpisodeKey
@@ -68,7 +69,7 @@ def list_facts(agents: Sequence[ComparedAgent]) -> dict[str, str]:
     run = results.run
     buckets = ", ".join(f"{name} {bucket.scenarios}" for name, bucket in results.buckets.items())
     return {
-        "suite": f"{run.suite}, checksum {run.suite_checksum.removeprefix('sha256:')[:SHORT_CHECKSUM]}",
+        "suite": f"{run.suite_label}, checksum {run.suite_checksum.removeprefix('sha256:')[:SHORT_CHECKSUM]}",
         "scenarios": f"{len({scenario.id for scenario in results.scenarios})} ({buckets})",
         "score mode": run.score_mode,
         "runs": str(sum(len(agent.runs) for agent in agents)),

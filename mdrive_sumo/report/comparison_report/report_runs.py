@@ -9,11 +9,13 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.runs.run_folder import load_run_results
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, list_settings
+from mdrive_sumo.scenario.season import check_one_season
 from mdrive_sumo.scoring import Results, load_results, summarize_run
 
+SEASON_REMEDY = "`mdrive-sumo study seasons --runs RUN...` has tables over several seasons"
+"""What to do with runs of several seasons."""
 VERSIONS_THAT_COUNT = ("mdrive-sumo", "libsumo")
 """Packages whose releases change results; Python and NumPy do not (docs/decisions/030)."""
-SHORT_CHECKSUM = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +73,12 @@ def check_report_runs(runs: Sequence[ReportRun]) -> None:
     for run in runs:
         if not run.results.scenarios:
             raise InputError(f"{run.place}: scenarios: expected at least one, found none")
-    _check_shared(runs, "suite", [_describe_suite(run) for run in runs])
+    check_one_season("report", {run.place: run.results.run.suite for run in runs}, SEASON_REMEDY)
+    _check_shared(runs, "suite", [run.results.run.describe_suite() for run in runs])
     _check_shared(runs, "score mode", [run.results.run.score_mode for run in runs])
     _check_shared(runs, "version", [_describe_versions(run) for run in runs])
     _check_scenarios(runs)
     _check_groups(runs)
-
-
-def _describe_suite(run: ReportRun) -> str:
-    return f"{run.results.run.suite} ({run.results.run.suite_checksum.removeprefix('sha256:')[:SHORT_CHECKSUM]})"
 
 
 def _describe_versions(run: ReportRun) -> str:

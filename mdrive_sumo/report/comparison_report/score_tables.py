@@ -84,7 +84,7 @@ def build_main_table(
     )
     return Table(
         name,
-        f"Scores by bucket: {agents[0].results.run.suite}",
+        f"Scores by bucket: {agents[0].results.run.suite_label}",
         tuple(columns),
         (
             *(_make_main_row(agent, buckets) for agent in agents),

@@ -7,10 +7,12 @@ from string import ascii_uppercase
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_place
+from mdrive_sumo.report.comparison_report.report_runs import SEASON_REMEDY
 from mdrive_sumo.report.result_tables import describe_agent
 from mdrive_sumo.report.run_page.run_page_data import EpisodeCell, ScenarioRow, build_run_page_data
 from mdrive_sumo.runs.compare import TIE, RunComparison, compare, select_shared_versions
 from mdrive_sumo.runs.stored_run import StoredRun, load_viewed_run
+from mdrive_sumo.scenario.season import check_one_season
 
 MAX_RUNS = len(ascii_uppercase)
 PairKey = tuple[str, str]
@@ -57,8 +59,10 @@ def load_compared_runs(folders: Sequence[Path], suite: str | None) -> tuple[Comp
 
 def _check_comparable(first: ComparedRun, other: ComparedRun) -> None:
     a, b = first.stored.results.run, other.stored.results.run
+    places = {str(run.folder): run.stored.results.run.suite for run in (first, other)}
+    check_one_season("view", places, SEASON_REMEDY)
     compared = {
-        "suite": (f"{a.suite} {a.suite_checksum[7:19]}", f"{b.suite} {b.suite_checksum[7:19]}"),
+        "suite": (a.describe_suite(), b.describe_suite()),
         "score mode": (a.score_mode, b.score_mode),
         "versions": tuple(
             ", ".join(f"{name} {version}" for name, version in sorted(versions.items()))

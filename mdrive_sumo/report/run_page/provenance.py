@@ -23,7 +23,7 @@ def _list_facts(results: Results, fingerprint: Mapping[str, Any]) -> Iterator[Fa
     yield "options of the agent", _format_options(fingerprint.get("agent_config")) or run.agent_config
     yield "checksum of the agent's code", str(fingerprint.get("agent_code", ""))
     yield "says of itself", run.declared_label
-    yield "suite", run.suite
+    yield "suite", run.suite_label
     yield "checksum of the suite", run.suite_checksum
     yield "seeds" if len(run.all_seeds) > 1 else "seed", ", ".join(map(str, run.all_seeds))
     yield "score mode", run.score_mode

@@ -67,7 +67,7 @@ def render_run_page(data: RunPageData, *, replays_note: str = "", refresh_s: int
     ]
     return render_overview(
         "run_page.html",
-        title=f"{results.run.suite}: {describe_agent(results)} · mdrive-sumo",
+        title=f"{results.run.suite_label}: {describe_agent(results)} · mdrive-sumo",
         data=data,
         run=results.run,
         partial=describe_partial(results),

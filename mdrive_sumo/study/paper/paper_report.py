@@ -74,7 +74,7 @@ def list_paper_facts(numbers: PaperNumbers, request: PaperRequest) -> dict[str, 
     logs = LOG_BUCKET if any(scenario.bucket == LOG_BUCKET for scenario in numbers.scenarios) else "every bucket"
     options = ", ".join(f"{name} {value}" for name, value in run.conditions.items())
     return {
-        "suite": f"{run.suite}, checksum {run.suite_checksum}",
+        "suite": f"{run.suite_label}, checksum {run.suite_checksum}",
         "scenarios": f"{len(plan.closed)}: {CHOICES[plan.scale]}",
         "open loop (RQ3)": f"{logs}: {len(plan.logs)} scenarios",
         "worse channels (RQ5)": f"{logs}: {len(plan.channel)} scenarios with two CAVs or more, evenly spaced in the"

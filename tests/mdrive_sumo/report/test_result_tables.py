@@ -98,7 +98,7 @@ def test_scenarios_without_reference_times_are_counted_with_the_remedy(results: 
 
 def test_summary_names_agent_labels_outcomes_infractions_and_voids(results: Results) -> None:
     text = format_summary(results)
-    assert "suite demo, agent omniscient [privileged, unsandboxed], seed 7, score mode mdrive" in text
+    assert "suite demo (00), agent omniscient [privileged, unsandboxed], seed 7, score mode mdrive" in text
     assert "outcomes     arrived 2, agent-failed (crashed) 1" in text
     assert "infractions  collision-vehicle 1\n" in text
     assert "void         1" in text

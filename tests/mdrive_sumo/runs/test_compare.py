@@ -113,10 +113,25 @@ def test_runs_without_a_common_scenario_are_refused() -> None:
         compare(run(scenario("r1", 1.0)), run(scenario("r2", 1.0)))
 
 
+def test_runs_of_two_seasons_are_compared_only_where_that_is_asked_for() -> None:
+    """Results without a season are of season 0; suites without seasons go with all."""
+    old, new = run(scenario("r1", 1.0)), run(scenario("r1", 2.0), suite="interdrive@1", suite_checksum="sha256:1")
+    sentence = r"compare: .* one season, found interdrive@0 in A \(idm\) and interdrive@1 in B \(idm\); --mix-seasons"
+    with pytest.raises(InputError, match=sentence):
+        compare(old, new)
+    with pytest.raises(InputError, match="found mdrive@secret-a in A"):
+        compare(run(scenario("r1", 1.0), suite="mdrive@secret-a"), new)
+    mixed = compare(old, new, mix_seasons=True)
+    assert mixed.ds.mean == 1.0
+    assert "A and B differ in suite: interdrive@0 and interdrive@1" in mixed.warnings
+    assert "1 scenarios in both, of interdrive@0 (0) and interdrive@1 (1)" in comparison_table(mixed)
+    assert compare(run(scenario("r1", 1.0), suite="mine"), new).ds.mean == 1.0
+
+
 def test_table_shows_every_scenario_and_both_means() -> None:
     a, b = run(scenario("r1", 50.0)), run(scenario("r1", 75.5), agent="omniscient")
     table = comparison_table(compare(a, b))
-    assert "A = idm, B = omniscient, 1 scenarios in both" in table
+    assert "A = idm, B = omniscient, 1 scenarios in both, of interdrive@0 (0)" in table
     assert "r1        ins_c     50.00  75.50  0.00  0.00       -       -    +25.50" in table
     lines = [line.split() for line in table.splitlines()]
     assert ["efficient", "SR", "-", "-", "-"] in lines and ["time", "ratio", "(of", "0)", "-", "-", "-"] in lines

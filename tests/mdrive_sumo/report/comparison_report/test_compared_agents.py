@@ -155,6 +155,13 @@ def test_runs_that_do_not_belong_together_are_refused(other: Results, sentence: 
         make_agents_of_results([make_sample_runs()["single"], other])
 
 
+def test_runs_of_two_seasons_are_refused() -> None:
+    """Results that name no season are of season 0."""
+    runs = [make_agent_run("a", BEST, suite="mdrive"), make_agent_run("b", BEST, suite="mdrive@1")]
+    with pytest.raises(InputError, match=r"one season, found mdrive@0 in a and mdrive@1 in b; `mdrive-sumo study seas"):
+        make_agents_of_results(runs)
+
+
 def test_runs_of_different_python_belong_together() -> None:
     other = {"mdrive-sumo": "0.1.0", "libsumo": "1.28.0", "python": "3.12.1"}
     assert name_all(make_agent_run("a", BEST), make_agent_run("b", BEST, versions=other)) == ["a", "b"]

@@ -97,6 +97,19 @@ def test_runs_of_two_versions_are_refused(folders: tuple[Path, Path], tmp_path: 
         load_compared_runs((folders[0], other), None)
 
 
+def test_runs_of_two_seasons_are_refused(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    seasons: list[Path] = []
+    for number, folder in enumerate(folders):
+        seasons.append(folder.with_name(f"{tmp_path.name}-season-{number}"))
+        seasons[-1].mkdir()
+        for name in ("results.json", "journal.jsonl"):
+            (seasons[-1] / name).write_bytes((folder / name).read_bytes())
+        edit_results(seasons[-1], lambda content, number=number: content["run"].update(suite=f"interaction@{number}"))
+    sentence = r"view: expected runs of one season, found interaction@0 in .* and interaction@1 in .*; `mdrive-sumo"
+    with pytest.raises(InputError, match=sentence):
+        load_compared_runs(seasons, None)
+
+
 def test_runs_of_two_suites_or_score_modes_are_refused(folders: tuple[Path, Path], tmp_path: Path) -> None:
     suite_fakes.make_suite(tmp_path / "suite", "answer", "answer")
     other = make_run(tmp_path)
