@@ -12,15 +12,13 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean, describe_too_few, format_interval_cells
 from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.runs.setting_differences import SettingDifference, find_setting_differences
-from mdrive_sumo.scenario.season import check_one_season
+from mdrive_sumo.scenario.season import SEASON_REMEDY, check_one_season
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult
 from mdrive_sumo.scoring.summary import compute_means
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SEASON_REMEDY = "--mix-seasons compares scenarios of the same id; `mdrive-sumo study seasons` compares seasons"
-"""What to do with runs of two seasons."""
 OPTIONAL_SCORES = ("efficient_sr", "time_ratio")
 """Scores of a scenario that may be undefined."""
 TIE = 0.005
@@ -111,7 +109,7 @@ def compare(
     """
     if not mix_seasons:
         suites = {f"{letter} ({one.run.agent})": one.run.suite for letter, one in zip("AB", (a, b), strict=True)}
-        check_one_season("compare", suites, SEASON_REMEDY)
+        check_one_season("compare", suites, f"--mix-seasons compares scenarios of the same id, {SEASON_REMEDY}")
     if a.run.score_mode != b.run.score_mode:
         raise InputError(
             f"compare: expected runs of one score mode, found {a.run.score_mode} and {b.run.score_mode};"

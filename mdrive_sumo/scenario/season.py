@@ -17,6 +17,8 @@ SEASON_SIGN = "@"
 """Between the name of a suite and its season."""
 FIRST_SEASON = 0
 """The season of the suites that name none."""
+SEASON_REMEDY = "`mdrive-sumo study seasons` compares seasons"
+"""What to do with runs of several seasons."""
 SEASON_WORD = r"[A-Za-z][A-Za-z0-9_.-]{0,39}"
 
 Season = Annotated[StrictInt, Field(ge=1, le=9999)] | Annotated[str, StringConstraints(pattern=f"^{SEASON_WORD}$")]

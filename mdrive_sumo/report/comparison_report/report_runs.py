@@ -9,11 +9,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.runs.run_folder import load_run_results
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, list_settings
-from mdrive_sumo.scenario.season import check_one_season
+from mdrive_sumo.scenario.season import SEASON_REMEDY, check_one_season
 from mdrive_sumo.scoring import Results, load_results, summarize_run
 
-SEASON_REMEDY = "`mdrive-sumo study seasons --runs RUN...` has tables over several seasons"
-"""What to do with runs of several seasons."""
 VERSIONS_THAT_COUNT = ("mdrive-sumo", "libsumo")
 """Packages whose releases change results; Python and NumPy do not (docs/decisions/030)."""
 

@@ -7,12 +7,11 @@ from string import ascii_uppercase
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_place
-from mdrive_sumo.report.comparison_report.report_runs import SEASON_REMEDY
 from mdrive_sumo.report.result_tables import describe_agent
 from mdrive_sumo.report.run_page.run_page_data import EpisodeCell, ScenarioRow, build_run_page_data
 from mdrive_sumo.runs.compare import TIE, RunComparison, compare, select_shared_versions
 from mdrive_sumo.runs.stored_run import StoredRun, load_viewed_run
-from mdrive_sumo.scenario.season import check_one_season
+from mdrive_sumo.scenario.season import SEASON_REMEDY, check_one_season
 
 MAX_RUNS = len(ascii_uppercase)
 PairKey = tuple[str, str]
