@@ -18,13 +18,14 @@ from mdrive_sumo.roads.network_file import (
     StopSignBox,
     YieldSign,
 )
+from mdrive_sumo.worlds.places.draft_edge import DraftEdge
 from mdrive_sumo.worlds.places.street_lines import cut_line, measure_line, offset_line
 
 LANE_M = 3.5
 """[m] Width of a lane unless a network says otherwise."""
 STOP_BOX_M = 5.0
 """[m] Length of the box of a stop sign, as on the other packaged networks."""
-NODES, EDGES, CONNECTIONS = "plain.nod.xml", "plain.edg.xml", "plain.con.xml"
+NODES, EDGES, CONNECTIONS, PROGRAMS = "plain.nod.xml", "plain.edg.xml", "plain.con.xml", "plain.tll.xml"
 NO_PARKING_M = 16.0
 """[m] From the centre of a junction: half of a street of two lanes, its corner, and the 5 m that German law keeps free
 before and behind crossings (StVO § 12)."""
@@ -47,6 +48,8 @@ class Node:
     """SUMO's junction type; "" leaves it to netconvert."""
     radius: float = 5.0
     """[m] Of the corners."""
+    signal: str = ""
+    """Id of a signal that several junctions share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +104,8 @@ class NetworkDraft:
     lane_m: float = LANE_M
     nodes: list[Node] = field(default_factory=list[Node])
     streets: list[Street] = field(default_factory=list[Street])
+    edges: list[DraftEdge] = field(default_factory=list[DraftEdge])
+    """Roads in one direction whose lanes differ in use and width; streets are for the others."""
     connections: list[tuple[str, int, str, int]] = field(default_factory=list[tuple[str, int, str, int]])
     """Connections: from edge and lane, to edge and lane."""
     crossings: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
@@ -120,6 +125,8 @@ class NetworkDraft:
     parking: list[ParkingRow] = field(default_factory=list[ParkingRow])
     """Where vehicles park beyond the parking lanes of streets, which get rows by themselves."""
     bus_stops: list[BusStop] = field(default_factory=list[BusStop])
+    programs: list[str] = field(default_factory=list[str])
+    """XML elements of programs of signals and of their links; netconvert makes up those that there are not."""
     netconvert: tuple[str, ...] = ()
     """Further arguments."""
 
@@ -131,7 +138,10 @@ class NetworkDraft:
         write_text(folder / EDGES, self._build_edges())
         if has_connections:
             write_text(folder / CONNECTIONS, self._build_connections())
+        if self.programs:
+            write_text(folder / PROGRAMS, self._wrap("tlLogics", [f"    {row}" for row in self.programs]))
         files = ["--node-files", NODES, "--edge-files", EDGES] + ["--connection-files", CONNECTIONS] * has_connections
+        files += ["--tllogic-files", PROGRAMS] * bool(self.programs)
         self._write_network_file(folder, (*files, *_list_common_arguments(self.lane_m), *self.netconvert))
 
     def add_signs(self, folder: Path, length_by_lane: Mapping[str, float]) -> None:
@@ -201,7 +211,8 @@ class NetworkDraft:
     def _build_nodes(self) -> str:
         rows = [
             f'    <node id="{n.id}" x="{n.x:.1f}" y="{n.y:.1f}"'
-            + (f' type="{n.type}" radius="{n.radius:g}"/>' if n.type else "/>")
+            + (f' type="{n.type}" radius="{n.radius:g}"' if n.type else "")
+            + (f' tl="{n.signal}"/>' if n.signal else "/>")
             for n in self.nodes
         ]
         return self._wrap("nodes", rows)
@@ -218,6 +229,7 @@ class NetworkDraft:
                     rows.append(
                         _build_edge(street, name, (begin, end), count, street.line if forward else street.line[::-1])
                     )
+        rows += [edge.format_xml() for edge in self.edges]
         if self.ring[0]:
             rows.append(f'    <roundabout nodes="{" ".join(self.ring[0])}" edges="{" ".join(self.ring[1])}"/>')
         return self._wrap("edges", rows)
