@@ -82,6 +82,11 @@ class Take:
     losses: Mapping[str, str] = field(default_factory=dict[str, str])
     """What cost score, in words, by CAV; without those that lost nothing."""
 
+    @property
+    def last_drivers(self) -> dict[str, str]:
+        """Who drove each CAV last."""
+        return {**self.drivers, **{one.cav: one.driver for one in self.changes}}
+
     def with_changes(self, changes: Iterable[DriverChange]) -> "Take":
         """Return the take with these changes of drivers, as far as they are its own and change something."""
         drivers, kept = dict(self.drivers), list[DriverChange]()

@@ -78,7 +78,8 @@ class RandomDrive:
             take = self._random.choice(numbers[-10:] if self._random.random() < 0.8 else numbers)
             try:
                 _, ticks = read_journal(self.setup.folder / "takes" / f"{take}.actions.jsonl")
-                tick = self._random.randrange(max(1, len(ticks)))
+                left = next((tick + 1 for tick, one in enumerate(ticks) if one.left), len(ticks))
+                tick = self._random.randrange(max(1, min(left, len(ticks))))
                 number = await session.process.branch(take, tick)
                 break
             except InputError as error:  # it was not driven, and has just been dropped

@@ -96,6 +96,21 @@ class Rewind {
     return take?.status === "finished" ? Math.max(page.tick, take.end_tick) : page.tick;
   }
 
+  /** Nobody drives on from the end of a take, nor after its person has left it. */
+  get mayBranch() {
+    const take = this.shownTake;
+    if (!take) return false;
+    if (typeof take.left_tick === "number") return this.tick <= take.left_tick;
+    const isOver = take.status === "finished" || (take.number === this.page.take && this.page.state === "finished");
+    return this.tick <= this.lastTick - (isOver ? 1 : 0);
+  }
+
+  get whyNot() {
+    const left = this.shownTake?.left_tick;
+    if (typeof left !== "number") return "this is its end";
+    return `nobody drove after ${formatTime(left * this.page.welcome.tick_s)}`;
+  }
+
   choose(take) {
     this.shown = take;
     this.seek(take === this.page.take ? this.page.tick : Math.min(this.tick, this.lastTick));
@@ -133,11 +148,15 @@ class Rewind {
     setText($("time-now"), seconds(this.tick));
     setText($("time-end"), seconds(this.lastTick));
     const take = this.shownTake;
-    setText($("shown-take"), take ? describeTake(take, page.welcome.cav).join(" · ") : "");
+    const words = take ? describeTake(take, page.welcome.cav) : [];
+    if (page.isDriver && this.isScrubbing && !this.mayBranch) words.push(this.whyNot);
+    setText($("shown-take"), words.join(" · "));
     this.tree.draw(page.takes, this.shown, page.take, page.welcome.cav);
     this.tree.moveCursor(this.tick);
     const isFinished = page.state === "finished";
-    $("do-branch").hidden = !page.isDriver || !this.isScrubbing;
+    $("do-branch").hidden = !page.isDriver || !(this.isScrubbing || (isFinished && this.mayBranch));
+    $("do-branch").disabled = !this.mayBranch;
+    $("do-branch").title = this.mayBranch ? "" : this.whyNot;
     $("do-finish").hidden = !page.isDriver || this.isScrubbing || isFinished;
     $("do-resume").hidden = !page.isDriver || (isFinished && !this.isScrubbing);
     setText($("do-resume"), this.isScrubbing ? "Back to the present" : "Go on");

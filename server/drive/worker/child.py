@@ -40,6 +40,9 @@ class Child:
     calls: dict[int, str] = field(default_factory=dict[int, str])
     """Names of the server's calls that it has to answer, by number."""
 
+    tick: int = 0
+    """Of its last frame."""
+
     @property
     def take(self) -> int:
         """The take that it simulates; 0: none."""

@@ -16,7 +16,13 @@ from mdrive_sumo.core.output_files import make_folder, remove_parts
 from mdrive_sumo.core.private_paths import relate_path, restore_path
 from server.drive.simulation_values import DriveSetup
 from server.drive.take_tree import MAX_TAKE, TAKES_FOLDER, Take, TakeStatus, TakeTree, has_tree, load_tree
-from server.drive.worker.take_journal import find_drivers, list_driver_changes, read_journal, summarize_journal
+from server.drive.worker.take_journal import (
+    find_drivers,
+    find_left_tick,
+    list_driver_changes,
+    read_journal,
+    summarize_journal,
+)
 
 FROM_RUN = "from_run"
 """Name in `tree.json` of the run that the drive enters, relative to the folder."""
@@ -153,7 +159,8 @@ def find_unfinished(tree: TakeTree) -> Unfinished:
             found.takes.append(number)
             left = replace(take, status=TakeStatus.LEFT, drivers=take.drivers or find_drivers(ticks, take.tick))
             left = left.with_changes(list_driver_changes(ticks))
-            found = found._replace(tree=found.tree.with_take(left), go_on=(number, len(ticks)))
+            last = next((tick for tick, one in enumerate(ticks) if one.left), len(ticks))
+            found = found._replace(tree=found.tree.with_take(left), go_on=(number, last))
         else:
             drop_journal(tree, number)
             before = None if take.parent is None else (take.parent, take.tick)
@@ -168,9 +175,17 @@ def drop_journal(tree: TakeTree, number: int) -> None:
 
 
 def check_tick(tree: TakeTree, take: int, tick: object) -> None:
-    """Raise InputError unless a take can go on from a tick: one before its end."""
-    is_finished = tree.find(take).status is TakeStatus.FINISHED
-    last = summarize_journal(tree.find_journal(take))[1] - is_finished
+    """Raise InputError unless a take can go on from a tick: one before its end.
+
+    After the tick in which its people left, their CAVs stand until the end: nobody could drive on.
+    """
+    is_finished, path = tree.find(take).status is TakeStatus.FINISHED, tree.find_journal(take)
+    left, last = find_left_tick(path), summarize_journal(path)[1] - is_finished
+    if type(tick) is int and left is not None and left < tick <= last:
+        raise InputError(
+            f"tick: expected one of take {take} up to {left}, in which its driver left it, found {tick}; nobody drove"
+            " after that"
+        )
     if type(tick) is not int or not 0 <= tick <= last:
         raise InputError(f"tick: expected one of take {take}, 0 to {last}, found {tick!r:.40}")
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from mdrive_sumo.runs.takes import HUMAN
 from server.drive.simulation_values import DriveProblem, HandedOver, TreeChanged
 from server.drive.take_tree import DriverChange, Take, TakeStatus, TakeTree
 from server.drive.worker.drive_folder import drop_journal
@@ -51,6 +52,11 @@ class StoredTree:
         changed = take.with_changes((*take.changes, DriverChange(message.tick, message.cav, message.driver)))
         if changed != take:
             self.add(changed)
+
+    def note_left(self, number: int, tick: int) -> None:
+        """Note that the people leave a take. tick: of its last frame; `note_finished` corrects it."""
+        take = self.tree.find(number)
+        self.change(number, status=TakeStatus.LEFT, left_tick=tick if HUMAN in take.last_drivers.values() else None)
 
     def note_finished(self, message: TakeFinished) -> None:
         """Note the end and the scores of a take."""

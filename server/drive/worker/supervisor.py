@@ -19,6 +19,7 @@ from server.drive.message_socket import MessageSocket
 from server.drive.simulation_values import (
     CallAnswer,
     DriveCall,
+    DriveFrame,
     DriveProblem,
     DriveSetup,
     HandedOver,
@@ -249,7 +250,7 @@ class DriveSupervisor:
         if self._live is not None:
             child, self._live = self._live, None
             child.role = ChildRole.LEFT
-            self.stored.change(child.take, status=TakeStatus.LEFT)
+            self.stored.note_left(child.take, child.tick)
             child.tell(LeaveOrder())
             self._give_turns()
 
@@ -295,6 +296,8 @@ class DriveSupervisor:
         """Pass on what is for the server."""
         if isinstance(message, HandedOver):
             self.stored.note_driver(message)
+        if isinstance(message, DriveFrame):
+            child.tick = message.tick
         if isinstance(message, CallAnswer):
             child.calls.pop(message.number, None)
         if not isinstance(message, CallAnswer) or message.number:

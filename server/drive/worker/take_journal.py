@@ -156,6 +156,14 @@ def summarize_journal(path: Path) -> tuple[JournalHeader, int]:
     return _parse_header(path, lines[0]), len(lines) - 1
 
 
+def find_left_tick(path: Path) -> int | None:
+    """Return the first tick in which people left the take; None: in no tick. Raises InputError as `read_journal`."""
+    for tick, line in enumerate(_read_lines(path)[1:]):
+        if b'"left":' in line and _parse_tick(f"{path}: line {2 + tick}", tick, line).left:
+            return tick
+    return None
+
+
 def _read_lines(path: Path) -> list[bytes]:
     """Return the whole lines of a journal, of which there is one at least."""
     try:

@@ -61,3 +61,23 @@ def test_what_was_refused_can_be_asked_for_again(opened: Opened) -> None:
     server.send = send
     page.keyboard.press("g")
     wait_until(page, "document.querySelectorAll('#ghosts li').length === 2")
+
+
+def test_nobody_drives_on_after_the_person_has_left(opened: Opened) -> None:
+    server = opened()
+    page = started(server)
+    server.drive(12)
+    paused(server)
+    left = server.tick_number
+    end_take(server, 30)
+    server.send_tree()
+    wait_until(page, f"$('time').max === '{left + 30}'")
+    page.evaluate(SEEK, [left + 5])
+    assert not page.is_enabled("#do-branch")
+    assert f"nobody drove after 0:{left / 20:04.1f}" in page.inner_text("#shown-take")
+    page.evaluate(SEEK, [left])
+    assert page.is_visible("#do-branch") and page.is_enabled("#do-branch")
+    page.evaluate("Drive.card.hide()")
+    page.click("#do-branch")
+    wait_until(page, "document.body.dataset.take === '2'")
+    assert server.asked[-1] == {"do": "rewind", "take": 1, "tick": left}
