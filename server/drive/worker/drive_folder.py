@@ -15,8 +15,9 @@ from mdrive_sumo.core.input_files import check_tree
 from mdrive_sumo.core.output_files import make_folder, remove_parts
 from mdrive_sumo.core.private_paths import relate_path, restore_path
 from server.drive.simulation_values import DriveSetup
-from server.drive.take_tree import MAX_TAKE, TAKES_FOLDER, Take, TakeStatus, TakeTree, has_tree, load_tree
+from server.drive.take_tree import MAX_TAKE, TAKES_FOLDER, TREE_FILE, Take, TakeStatus, TakeTree, has_tree, load_tree
 from server.drive.worker.take_journal import (
+    JournalHeader,
     find_drivers,
     find_left_tick,
     list_driver_changes,
@@ -111,6 +112,13 @@ def _check_about(tree: TakeTree, about: Mapping[str, Any]) -> None:
             )
 
 
+def find_next_number(tree: TakeTree) -> int:
+    """Return a number that neither a take nor a file of the folder has: what cannot be read is not written over."""
+    names = [path.name.split(".")[0] for path in (tree.folder / TAKES_FOLDER).glob("*")]
+    numbers = [int(name) for name in names if name.isdecimal() and int(name) <= MAX_TAKE]
+    return max([tree.next_number - 1, *numbers]) + 1
+
+
 def _adopt_takes(tree: TakeTree) -> TakeTree:
     """Return the tree with takes whose journal was written just before the server was killed."""
     folder = tree.folder / TAKES_FOLDER
@@ -123,7 +131,7 @@ def _adopt_takes(tree: TakeTree) -> TakeTree:
         try:
             header, _ = summarize_journal(tree.find_journal(number))
         except InputError:
-            continue  # not a journal: a later take gets another number
+            continue  # not a journal: `find_next_number` leaves it alone
         if header.parent is None or header.parent in tree.takes:
             tree = tree.with_take(Take(number, header.parent, header.tick))
     return tree
@@ -150,12 +158,13 @@ def find_unfinished(tree: TakeTree) -> Unfinished:
         if take.status not in (TakeStatus.RUNNING, TakeStatus.LEFT):
             continue
         try:
-            _, ticks = read_journal(tree.find_journal(number))
+            header, ticks = read_journal(tree.find_journal(number))
+            is_driven = check_driven(tree, take, header, len(ticks))
         except InputError as error:
             found.problems.append(f"take {number} cannot be finished: {error}")
             found = found._replace(tree=found.tree.with_take(replace(take, status=TakeStatus.VOID)))
             continue
-        if len(ticks) > take.tick:
+        if is_driven:
             found.takes.append(number)
             left = replace(take, status=TakeStatus.LEFT, drivers=take.drivers or find_drivers(ticks, take.tick))
             left = left.with_changes(list_driver_changes(ticks))
@@ -166,6 +175,31 @@ def find_unfinished(tree: TakeTree) -> Unfinished:
             before = None if take.parent is None else (take.parent, take.tick)
             found = found._replace(tree=found.tree.without_take(number), go_on=before)
     return found
+
+
+def check_driven(tree: TakeTree, take: Take, header: JournalHeader, count: int) -> bool:
+    """Return whether a take has a tick of its own; one without may be dropped, because its parent holds all of it.
+
+    count: ticks of its journal. Raises InputError if the tree and the journals do not fit each other: then nothing may
+    be removed.
+    """
+    path = tree.find_journal(take.number)
+    if (header.take, header.parent, header.tick) != (take.number, take.parent, take.tick):
+        expected = f"take {take.number}, parent {take.parent}, tick {take.tick}"
+        found = f"take {header.take}, parent {header.parent}, tick {header.tick}"
+        raise InputError(f"{path}: expected {expected} as in {TREE_FILE}, found {found}")
+    if count < take.tick:
+        raise InputError(f"{path}: expected at least {take.tick} ticks, as {TREE_FILE} says, found {count}")
+    if count > take.tick:
+        return True
+    children = [other.number for other in tree.takes.values() if other.parent == take.number]
+    if children:
+        raise InputError(f"{path}: expected the ticks in which take {children[0]} begins, found none of its own")
+    if take.parent is not None:
+        _, held = summarize_journal(tree.find_journal(take.parent))
+        if held < count:
+            raise InputError(f"{path}: expected a parent with its {count} ticks, found {held} in take {take.parent}")
+    return False
 
 
 def drop_journal(tree: TakeTree, number: int) -> None:

@@ -33,6 +33,7 @@ from server.drive.worker.drive_context import DriveContext, load_context
 from server.drive.worker.drive_folder import (
     check_tick,
     find_driven,
+    find_next_number,
     find_unfinished,
     open_tree,
     restore_setup,
@@ -228,7 +229,7 @@ class DriveSupervisor:
     def _begin(self, number: int, parent: int | None, tick: int) -> None:
         """Start the process of a new take. number: of the call that is answered when it is in its tick."""
         context = self.context
-        take = self._last_take = max(self._last_take + 1, self.tree.next_number)
+        take = self._last_take = max(self._last_take + 1, find_next_number(self.tree))
         if parent is not None and self._live is not None and parent == self._live.take:
             parent = find_driven(self.tree, parent, tick)
         order = self._make_order(take, parent, tick, TakeMode.DRIVE)

@@ -8,6 +8,7 @@ from server.drive.message_socket import MessageSocket
 from server.drive.simulation_values import DriveProblem
 from server.drive.take_tree import TakeStatus
 from server.drive.worker.child import Child, ChildProcesses, ChildRole
+from server.drive.worker.drive_folder import check_driven
 from server.drive.worker.orders import FinishOrder, Provenance, TakeOrder
 from server.drive.worker.stored_tree import StoredTree
 from server.drive.worker.take_journal import summarize_journal
@@ -74,9 +75,10 @@ class WaitingTakes:
     ) -> bool:
         """Start the process that finishes a take from its journal; return whether that can be read."""
         try:
-            _, count = summarize_journal(stored.tree.find_journal(take))
+            header, count = summarize_journal(stored.tree.find_journal(take))
             known = stored.tree.find(take)
-            if known.parent is not None and count <= known.tick:  # nothing was driven
+            is_driven = check_driven(stored.tree, known, header, count)
+            if known.parent is not None and not is_driven:
                 self._children.ladder.move_take(take, known.parent)
                 stored.drop(take)
                 return False
