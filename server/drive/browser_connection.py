@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from server.drive.access import Seat, SeatRole
-from server.drive.messages import DriveAnswer, encode_answer, format_problem
+from server.drive.messages import DriveAnswer, TreeOut, WaitingOut, encode_answer, format_problem
 from server.drive.protocol import (
     NO_STATE,
     ROW,
@@ -22,6 +22,8 @@ MAX_WAITING_TEXTS = 200
 """Text messages that wait for a browser which does not read; beyond it the connection is closed."""
 MAX_WAITING_ROWS = {"messages": 500, "collisions": 50}
 """V2X messages and collisions that a browser which reads slowly is shown later; of more, the oldest are left out."""
+REPLACED = (TreeOut, WaitingOut)
+"""Messages of which each tells everything that the one before it did."""
 INPUTS_PER_S = 120.0
 """Binary messages: twice as many as the fastest page sends, which is one a picture at 60 pictures a second."""
 REQUESTS_PER_S = 20.0
@@ -63,7 +65,8 @@ class Allowance:
 class BrowserConnection:
     """What waits to be sent to one browser, and what it has sent.
 
-    Only the newest frame waits: a browser that cannot keep up misses frames, but nothing of what was new in them.
+    Only the newest frame waits: a browser that cannot keep up misses frames, but nothing of what was new in them. Of
+    messages that tell everything anew, such as the tree of takes, only the newest waits, too.
     """
 
     def __init__(self, seat: Seat, clock: Callable[[], float]) -> None:
@@ -79,6 +82,8 @@ class BrowserConnection:
         self._inputs = Allowance(INPUTS_PER_S, self.heard_s)
         self._requests = Allowance(REQUESTS_PER_S, self.heard_s)
         self._texts: deque[str] = deque()
+        self._newest: dict[type[DriveAnswer], DriveAnswer] = {}
+        """Of the messages that replace each other (`REPLACED`)."""
         self._frame: DriveFrame | None = None
         self._extra: dict[str, Any] = {}
         self._take = 0
@@ -101,9 +106,13 @@ class BrowserConnection:
         return self._closing is not None
 
     def put(self, *answers: DriveAnswer) -> None:
-        """Queue text messages."""
+        """Queue text messages; one of `REPLACED` takes the place of the one that waits."""
         for answer in answers:
-            self._put_text(encode_answer(answer))
+            if isinstance(answer, REPLACED):
+                self._newest[type(answer)] = answer
+                self._wake.set()
+            else:
+                self._put_text(encode_answer(answer))
 
     def put_problem(self, text: str) -> None:
         """Queue one sentence on what was refused."""
@@ -145,11 +154,12 @@ class BrowserConnection:
 
     async def take_next(self) -> list[bytes | str] | Closing:
         """Wait for and return what is to be sent, or how to close."""
-        while not (self._texts or self._frame or self._closing):
+        while not (self._texts or self._newest or self._frame or self._closing):
             self._wake.clear()
             await self._wake.wait()
-        out: list[bytes | str] = [*self._texts]
+        out: list[bytes | str] = [*self._texts, *map(encode_answer, self._newest.values())]
         self._texts.clear()
+        self._newest.clear()
         if self._frame is not None:
             out.append(self._encode(self._frame))
         if not out and self._closing is not None:

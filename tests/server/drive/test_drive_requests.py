@@ -8,6 +8,7 @@ from testing.drive_bench import Bench, drain, drive, problems, settle
 
 from mdrive_sumo.contract import Control
 from server.drive.browser_connection import Closing
+from server.drive.messages import TreeOut, WaitingOut
 from server.drive.protocol import DriveInput, InputDevice, WireFrame, encode_input
 from server.drive.simulation_values import TreeChanged
 from server.drive.take_tree import DriverChange
@@ -262,6 +263,24 @@ def test_a_browser_that_reads_nothing_is_closed(tmp_path: Path) -> None:
         for _ in range(300):
             watcher.put_problem("x")
         assert watcher.is_closing
+
+    drive(test, tmp_path)
+
+
+def test_only_the_newest_tree_waits_for_a_browser_that_does_not_read(tmp_path: Path) -> None:
+    """A tree of many takes has some hundred kilobytes, and changes with every take that is finished."""
+
+    async def test(bench: Bench) -> None:
+        watcher = await bench.join()
+        await drain(watcher)
+        for number in range(1, 301):
+            watcher.put(TreeOut(takes=[], current=number))
+            watcher.put(WaitingOut(waits_for=["ego_0"], absent=[], seconds=float(number)))
+        watcher.put_problem("one sentence")
+        told = await drain(watcher)
+        assert [one["is"] for one in told] == ["problem", "tree", "waiting"]
+        assert (told[1]["current"], told[2]["seconds"]) == (300, 300.0)
+        assert not watcher.is_closing
 
     drive(test, tmp_path)
 
