@@ -73,7 +73,7 @@ class HostCheck:
 
     def is_host_allowed(self, host: str | None) -> bool:
         """Return whether a request with this `Host` header (name or address, with or without a port) is for us."""
-        name = _find_name(f"//{host}") if host else None
+        name = _find_name(host) if host else None
         return name is not None and (name in self._names or _is_address(name))
 
     def is_origin_allowed(self, origin: str | None, host: str | None) -> bool:
@@ -91,11 +91,14 @@ class HostCheck:
         return is_same and self.is_host_allowed(host)
 
 
-def _find_name(address: str) -> str | None:
-    try:
-        return urlsplit(address).hostname
-    except ValueError:
-        return None
+_HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([\w.-]+))(?::(\d{1,5}))?", re.ASCII | re.IGNORECASE)
+"""`Host` as browsers write it (RFC 9110, section 7.2): no user before it, no path behind it."""
+
+
+def _find_name(host: str) -> str | None:
+    """Return the name or address in a `Host`; None if it is none."""
+    found = _HOST.fullmatch(host)
+    return (found[1] or found[2]).casefold() if found else None
 
 
 def _is_address(name: str) -> bool:

@@ -105,7 +105,25 @@ def test_static_files_are_kept_by_browsers(server: DriveServer) -> None:
         assert plain.content == file.content
 
 
-@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "", "[::1", "a@b@c:x"])
+MALFORMED_HOSTS = (
+    *("evil@127.0.0.1", "evil:secret@127.0.0.1:8420", "@localhost", "127.0.0.1/evil", "127.0.0.1?evil"),
+    *(
+        "127.0.0.1#evil",
+        "127.0.0.1:",
+        "127.0.0.1:x",
+        "[127.0.0.1]evil",
+        "[::1",
+        "//127.0.0.1",
+        "127.0.0.1\n",
+        "127.0.0.1 ",
+    ),
+    *("\\127.0.0.1", "127.0.0.1\u0660", "a@b@c:x", ""),
+)
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "", "[::1", "a@b@c:x", "evil@127.0.0.1"]
+)
 def test_other_host_names_are_refused(host: str, server: DriveServer) -> None:
     answer = httpx.get(server.url + server.link("ego_0"), headers={"Host": host})
     assert answer.status_code in (400, 421)
@@ -140,6 +158,8 @@ def test_pages_of_other_sites_open_no_socket(server: DriveServer) -> None:
         ("drive.example", "file://drive.example", False),
         ("other.example", "https://other.example", False),
         ("drive.example", None, True),
+        ("drive-2.example", None, False),
+        *((host, None, False) for host in MALFORMED_HOSTS),
     ],
 )
 def test_hosts_and_origins(host: str, origin: str | None, allowed: bool) -> None:
