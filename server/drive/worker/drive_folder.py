@@ -211,13 +211,13 @@ def drop_journal(tree: TakeTree, number: int) -> None:
 def check_tick(tree: TakeTree, take: int, tick: object) -> None:
     """Raise InputError unless a take can go on from a tick: one before its end.
 
-    After the tick in which its people left, their CAVs stand until the end: nobody could drive on.
+    After the tick in which its people left, their CAVs stand until the end: there is no way to drive on.
     """
     is_finished, path = tree.find(take).status is TakeStatus.FINISHED, tree.find_journal(take)
     left, last = find_left_tick(path), summarize_journal(path)[1] - is_finished
     if type(tick) is int and left is not None and left < tick <= last:
         raise InputError(
-            f"tick: expected one of take {take} up to {left}, in which its driver left it, found {tick}; nobody drove"
+            f"tick: expected one of take {take} up to {left}, in which its driver left it, found {tick}; it stood"
             " after that"
         )
     if type(tick) is not int or not 0 <= tick <= last:

@@ -27,18 +27,11 @@ from server.drive.simulation_values import (
     TakeEnded,
     TakeStarted,
 )
-from server.drive.take_tree import Take, TakeStatus, TakeTree
+from server.drive.take_tree import Take, TakeStatus
 from server.drive.worker.child import Child, ChildProcesses, ChildRole
-from server.drive.worker.drive_context import DriveContext, load_context
-from server.drive.worker.drive_folder import (
-    check_tick,
-    find_driven,
-    find_next_number,
-    find_unfinished,
-    open_tree,
-    restore_setup,
-)
+from server.drive.worker.drive_folder import check_tick
 from server.drive.worker.motion import MotionCache, make_motion_sender
+from server.drive.worker.open_drive import OpenDrive
 from server.drive.worker.orders import (
     CheckpointMade,
     LeaveOrder,
@@ -50,9 +43,7 @@ from server.drive.worker.orders import (
     TakeReady,
     TakeRefused,
     WhatIfDone,
-    make_order,
 )
-from server.drive.worker.stored_tree import StoredTree
 from server.drive.worker.take_process import TAKE_IS_OVER
 from server.drive.worker.waiting_takes import WaitingTakes
 from server.drive.worker.what_if_calls import WhatIfCalls
@@ -68,22 +59,19 @@ class DriveSupervisor:
 
     def __init__(self, server: MessageSocket) -> None:
         self._server = server
-        self._context: DriveContext | None = None
-        self._stored: StoredTree | None = None
+        self._drive: OpenDrive | None = None
         self._children = ChildProcesses(server)
         self._live: Child | None = None
         self._starting: tuple[Child, int] | None = None
         """The process of a take that begins, and the number of the call that waits for it."""
         self._finish_calls: list[int] = []
-        self._provenance = Provenance("unknown", 0.0)
-        self._last_take = 0
         self._motions = MotionCache()
         self._slots = max(1, count_available_cores() - 1)
         """Processes that work in the background at a time: one core is left to the live take."""
         self._waiting = WaitingTakes(
             self._children,
             self._slots,
-            lambda take, count: self._make_order(take, take, count, TakeMode.FINISH),
+            lambda take, count: self.drive.make_order(take, take, count, TakeMode.FINISH),
             lambda order: self._start(order, ChildRole.FINISHING),
         )
         self._what_ifs = WhatIfCalls(self._children, self._slots, lambda order: self._start(order, ChildRole.HELPING))
@@ -93,10 +81,10 @@ class DriveSupervisor:
         with suppress(EOFError, ConnectionError):
             while True:
                 sockets = [self._server, *(child.connection for child in self._children)]
-                is_unsaved = self._stored is not None and self._stored.is_unsaved
+                is_unsaved = self._drive is not None and self._drive.stored.is_unsaved
                 ready, _, _ = select.select(sockets, [], [], RETRY_S if is_unsaved else None)
-                if self._stored is not None and is_unsaved and not ready:
-                    self._stored.save()
+                if is_unsaved and not ready:
+                    self.drive.stored.save()
                 for child in [one for one in self._children if one.connection in ready]:
                     self._read_child(child)
                 if self._server in ready:
@@ -136,24 +124,19 @@ class DriveSupervisor:
             raise InputError(f"{call.name}: expected a take that goes on, found none; go back to a tick to drive on")
 
     def _call_open(self, number: int, setup: DriveSetup) -> None:
-        setup = restore_setup(setup)
-        context = self._context = load_context(setup)
-        self._provenance = Provenance(setup.device, 0.0)
-        tree = open_tree(context.setup, context.describe())
-        found = find_unfinished(tree)
-        self._waiting.add(found.takes)
-        self._stored = StoredTree(found.tree, self._server.send)
+        drive = self._drive = OpenDrive(setup, self._server.send)
+        self._waiting.add(drive.unfinished.takes)
         gc.collect()
         gc.freeze()  # else the first collection of each fork would write to, and so copy, all that they share
-        for problem in found.problems:
+        for problem in drive.unfinished.problems:
             self._server.send(DriveProblem(problem))
-        self._stored.save()
-        parent, tick = found.go_on or (None, self._first_tick)
+        drive.stored.save()
+        parent, tick = drive.unfinished.go_on or (None, drive.first_tick)
         self._begin(number, parent, tick)
         self._give_turns()
 
     def _call_branch(self, number: int, take: int, tick: int) -> None:
-        check_tick(self.tree, take, tick)
+        check_tick(self.drive.tree, take, tick)
         if self._starting is not None:
             raise InputError("branch: expected one at a time, found another one that begins")
         if self._live is not None:
@@ -170,13 +153,13 @@ class DriveSupervisor:
         self._give_turns()
 
     def _call_note(self, number: int, device: str, latency_ms: float) -> None:
-        self._provenance = Provenance(device, latency_ms)
+        self.drive.provenance = Provenance(device, latency_ms)
         if self._live is not None:
-            self._live.tell(self._provenance)
+            self._live.tell(self.drive.provenance)
         self._answer(number)
 
     def _call_load_motion(self, number: int, take: int) -> None:
-        self.tree.find(take)
+        self.drive.tree.find(take)
         found = (one for one in self._children if one.take == take and one.role is not ChildRole.HELPING)
         if (child := next(found, None)) is not None:
             child.calls[number] = "load_motion"
@@ -184,17 +167,17 @@ class DriveSupervisor:
         elif (motion := self._motions.find(take)) is not None:
             self._answer(number, motion)
         else:
-            send_motion = make_motion_sender(self.context, self.tree.find_folder(take), take, number)
+            send_motion = make_motion_sender(self.drive.context, self.drive.tree.find_folder(take), take, number)
             self._children.start_helper(send_motion, number)
 
     def _call_what_if(
         self, number: int, take: int, tick: int, agents: tuple[str, ...], seconds: float, cavs: tuple[str, ...]
     ) -> None:
-        check_tick(self.tree, take, tick)
-        self.context.check_substitutes(agents, cavs)
+        check_tick(self.drive.tree, take, tick)
+        self.drive.context.check_substitutes(agents, cavs)
         self._what_ifs.add(number, agents)
-        order = replace(self._make_order(take, take, tick, TakeMode.HOLD), seconds=seconds, cavs=cavs)
-        key = self._children.ladder.find(self.tree.list_line(take), tick)
+        order = replace(self.drive.make_order(take, take, tick, TakeMode.HOLD), seconds=seconds, cavs=cavs)
+        key = self._children.ladder.find(self.drive.tree.list_line(take), tick)
         if key is not None and key[1] == tick:
             self._what_ifs.go_on(number, order)
         else:
@@ -203,61 +186,34 @@ class DriveSupervisor:
     # ------------------------------------------------------------------------------------------------------- takes
 
     @property
-    def context(self) -> DriveContext:
-        """What is driven. Raises InputError before `open`."""
-        if self._context is None:
+    def drive(self) -> OpenDrive:
+        """What is driven, and the takes on disk. Raises InputError before `open`."""
+        if self._drive is None:
             raise InputError("drive: expected open() before anything else")
-        return self._context
-
-    @property
-    def _first_tick(self) -> int:
-        """The tick in which people begin: 0, or that of the run that is entered."""
-        return self.context.setup.from_tick if self.context.record is not None else 0
-
-    @property
-    def stored(self) -> StoredTree:
-        """The takes on disk. Raises InputError before `open`."""
-        if self._stored is None:
-            raise InputError("drive: expected open() before anything else")
-        return self._stored
-
-    @property
-    def tree(self) -> TakeTree:
-        """The takes. Raises InputError before `open`."""
-        return self.stored.tree
+        return self._drive
 
     def _begin(self, number: int, parent: int | None, tick: int) -> None:
         """Start the process of a new take. number: of the call that is answered when it is in its tick."""
-        context = self.context
-        take = self._last_take = max(self._last_take + 1, find_next_number(self.tree))
-        if parent is not None and self._live is not None and parent == self._live.take:
-            parent = find_driven(self.tree, parent, tick)
-        order = self._make_order(take, parent, tick, TakeMode.DRIVE)
-        if context.record is not None and parent is None:
-            order = replace(order, header=replace(order.header, entered_tick=tick))
-        is_entered = context.record is not None and tick <= order.header.entered_tick
-        self._starting = self._start(replace(order, people_take_over=is_entered), ChildRole.STARTING), number
-
-    def _make_order(self, take: int, parent: int | None, tick: int, mode: TakeMode) -> TakeOrder:
-        return make_order(self.tree, (take, parent, tick), mode, self._provenance)
+        order = self.drive.order_new_take(parent, tick, self._live.take if self._live is not None else None)
+        self._starting = self._start(order, ChildRole.STARTING), number
 
     def _start(self, order: TakeOrder, role: ChildRole) -> Child:
         parent = order.header.parent
         return self._children.start(
-            self.context, order, self.tree.list_line(parent) if parent is not None else (), role
+            self.drive.context, order, self.drive.tree.list_line(parent) if parent is not None else (), role
         )
 
     def _leave_live(self) -> None:
         if self._live is not None:
             child, self._live = self._live, None
             child.role = ChildRole.LEFT
-            self.stored.note_left(child.take, child.tick)
+            self.drive.stored.note_left(child.take, child.tick)
             child.tell(LeaveOrder())
             self._give_turns()
 
     def _give_turns(self) -> None:
         """Let takes that were left be finished; answer `finish` after the last."""
-        is_idle = self._waiting.give_turns(self.stored, self._server, is_starting=self._starting is not None)
+        is_idle = self._waiting.give_turns(self.drive.stored, self._server, is_starting=self._starting is not None)
         if is_idle and self._starting is None:
             for number in self._finish_calls:
                 self._answer(number)
@@ -296,7 +252,7 @@ class DriveSupervisor:
     def _pass_back(self, child: Child, message: object, data: bytes) -> None:
         """Pass on what is for the server."""
         if isinstance(message, HandedOver):
-            self.stored.note_driver(message)
+            self.drive.stored.note_driver(message)
         if isinstance(message, DriveFrame):
             child.tick = message.tick
         if isinstance(message, CallAnswer):
@@ -306,14 +262,14 @@ class DriveSupervisor:
 
     def _hear_checkpoint(self, child: Child, message: CheckpointMade) -> None:
         connection = MessageSocket(socket.socket(fileno=child.connection.take_descriptor()))
-        line = self.tree.list_line(self._live.take) if self._live is not None else ()
+        line = self.drive.tree.list_line(self._live.take) if self._live is not None else ()
         self._children.ladder.add(message.take, message.tick, connection, line)
         self._what_ifs.hear_checkpoint(child, message.tick)
 
     def _hear_dropped(self, child: Child, message: TakeDropped) -> None:
         child.role = ChildRole.HELPING  # it has nothing more to do than to end
-        self._children.ladder.move_take(message.take, self.tree.find(message.take).parent)
-        self.stored.drop(message.take)
+        self._children.ladder.move_take(message.take, self.drive.tree.find(message.take).parent)
+        self.drive.stored.drop(message.take)
 
     def _hear_ready(self, child: Child, message: TakeReady) -> None:
         assert self._starting is not None and self._starting[0] is child, "expected the take that begins"
@@ -322,11 +278,12 @@ class DriveSupervisor:
         self._leave_live()
         child.role, self._live = ChildRole.LIVE, child
         take = Take(header.take, header.parent, header.tick, message.drivers)
-        self.stored.add(take)
+        self.drive.stored.add(take)
         self._server.send(TakeStarted(take.number, take.parent, take.tick, take.drivers))
         is_first = self._facts_are_due
         self._facts_are_due = False
-        self._answer(number, (self.context.make_facts(), self.context.pack_scene()) if is_first else take.number)
+        context = self.drive.context
+        self._answer(number, (context.make_facts(), context.pack_scene()) if is_first else take.number)
         self._give_turns()
 
     _facts_are_due = True
@@ -344,7 +301,7 @@ class DriveSupervisor:
             if child is self._live:
                 self._live = None
             child.role = ChildRole.HELPING  # it has nothing more to do than to end, which is no other problem
-            self.stored.change(child.take, status=TakeStatus.VOID)
+            self.drive.stored.change(child.take, status=TakeStatus.VOID)
             self._fail_calls(child, message.text)
             self._server.send(DriveProblem(f"take {child.take} cannot be finished: {message.text}"))
         else:
@@ -356,13 +313,11 @@ class DriveSupervisor:
         Agents of an entered run that drive differently now are replaced by their recorded replies. A take of an earlier
         session that has no tick from which to go on is followed by one from the start.
         """
-        context = self.context
-        if message.has_diverged and context.agents:
-            self._context = replace(context, agents={})
+        if message.has_diverged and self.drive.repeat_recording():
             self._begin(number, order.header.parent, order.header.tick)
             return True
         if order.header.parent is not None:
-            self._begin(number, None, self._first_tick)
+            self._begin(number, None, self.drive.first_tick)
             return True
         return False
 
@@ -371,7 +326,7 @@ class DriveSupervisor:
             self._live = None
         child.role = ChildRole.HELPING  # it has nothing more to do than to end
         self._motions.add(message.take, message.motion)
-        self.stored.note_finished(message)
+        self.drive.stored.note_finished(message)
         left = message.left_tick is not None
         self._server.send(TakeEnded(message.take, message.end_tick, message.score, message.ds, left))
 
@@ -385,12 +340,12 @@ class DriveSupervisor:
             self._children.ladder.drop_take(child.take)
             self._answer(number, None, "the process of the take has ended; try again")
         elif child.role is ChildRole.ASIDE:
-            self._waiting.add((child.take,), self._provenance)
+            self._waiting.add((child.take,), self.drive.provenance)
         elif child.role in (ChildRole.LIVE, ChildRole.LEFT, ChildRole.FINISHING):
             if child is self._live:
                 self._live = None
-            self.stored.change(child.take, status=TakeStatus.LEFT)
-            self._waiting.add_lost(child.take, self._provenance)
+            self.drive.stored.change(child.take, status=TakeStatus.LEFT)
+            self._waiting.add_lost(child.take, self.drive.provenance)
             text = f"the process of take {child.take} has ended; its actions are kept: go back to a tick to drive on"
             self._server.send(DriveProblem(text))
         self._give_turns()
@@ -398,7 +353,8 @@ class DriveSupervisor:
     def _fail_calls(self, child: Child, text: str) -> None:
         """Answer what a process has not answered before its end."""
         calls, child.calls = child.calls, {}
-        is_stored = child.take in self.tree.takes and self.tree.takes[child.take].status is TakeStatus.FINISHED
+        take = self.drive.tree.takes.get(child.take)
+        is_stored = take is not None and take.status is TakeStatus.FINISHED
         for number, name in calls.items():
             self._what_ifs.drop(number)
             if name == "load_motion" and is_stored:

@@ -47,7 +47,7 @@ def test_a_take_goes_on_from_ticks_up_to_the_one_in_which_it_was_left(tmp_path: 
         for tick in (0, 1, 2):
             check_tick(tree, take.number, tick)
         for tick in (3, 4):
-            with pytest.raises(InputError, match=f"up to 2, in which its driver left it, found {tick}; nobody"):
+            with pytest.raises(InputError, match=f"up to 2, in which its driver left it, found {tick}; it stood"):
                 check_tick(tree, take.number, tick)
         for tick in (-1, 6, 1.0, None, True):
             with pytest.raises(InputError, match=f"tick: expected one of take {take.number}, 0 to [45], found"):
