@@ -9,12 +9,9 @@ from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
 from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.generate.actor_placement import place_actors
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.duplicates import find_duplicate
 from mdrive_sumo.generate.network_choice import find_networks
-from mdrive_sumo.generate.pre_crash_placement import place_pre_crash_actors
-from mdrive_sumo.generate.pre_crash_spawn_points import choose_pre_crash_spawn_points as pre_crash_spawns
 from mdrive_sumo.generate.pre_crash_typologies import find_typology_networks
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
@@ -26,6 +23,9 @@ from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
+from mdrive_sumo.worlds.encounters.pre_crash_actors import place_pre_crash_actors
+from mdrive_sumo.worlds.encounters.pre_crash_spawn_points import choose_pre_crash_spawn_points as pre_crash_spawns
+from mdrive_sumo.worlds.encounters.route_actors import place_actors
 from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
 from mdrive_sumo.worlds.placement.lane_chains import build_way_line
 from mdrive_sumo.worlds.placement.spawn_points import LaneRoutes, choose_spawn_points
@@ -102,26 +102,24 @@ def _build_egos(proposal: Proposal, ways: LaneRoutes, roads: RoadMap, rng: rando
     """Return the CAVs by the proposal's vehicle ids."""
     share = rng.uniform(0.25, 0.6)
     try:
-        placed = _place_spawns(proposal, ways, share, roads, rng)
-        if isinstance(placed, str):
-            raise InputError(placed)
+        spawns = _choose_spawns(proposal, ways, share, roads, rng)
         return {
-            name: build_spawned_cav(roads, str(i), way, placed[name], share)
+            name: build_spawned_cav(roads, str(i), way, spawns[name], share)
             for i, (name, way) in enumerate(ways.items())
         }
     except InputError as error:
         raise ProposalRejected(PipelineStage.SPAWNS, f"network {roads.name}: {error}") from None
 
 
-def _place_spawns(
+def _choose_spawns(
     proposal: Proposal, ways: LaneRoutes, share: float, roads: RoadMap, rng: random.Random
-) -> dict[str, SpawnPoint] | str:
-    """Return starts and goals, or why there are none."""
+) -> dict[str, SpawnPoint]:
+    """Return starts and goals. Raises NoRoomError."""
     lines = {name: build_way_line(roads, way, share) for name, way in ways.items()}
     figures = CATEGORIES[proposal.category].paper
     route_m = figures.route_m if figures else DEFAULT_ROUTE_M
     if proposal.category is Category.PRE_CRASH:  # they begin close to the junction
-        return pre_crash_spawns(proposal, lines, ways, roads, route_m, rng)
+        return pre_crash_spawns(proposal.actors, lines, ways, roads, route_m, rng)
     return choose_spawn_points(lines, ways, route_m, rng)
 
 

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 from itertools import combinations
 
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
-from mdrive_sumo.generate.proposal import ActorKind, Proposal
+from mdrive_sumo.generate.proposal import Proposal
+from mdrive_sumo.worlds.encounters.proposed_actor import ActorKind
 
 MAX_ACTORS = 8
 ON_FOOT: tuple[ActorKind, ...] = ("walker", "cyclist")

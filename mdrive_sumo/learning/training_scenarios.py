@@ -9,36 +9,26 @@ import random
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-import shapely
-
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import box_corners
-from mdrive_sumo.generate.actor_placement import place_actors
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.network_choice import is_for_training
 from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.template_proposer import propose
-from mdrive_sumo.learning.roadside_actors import (
-    build_crossing_users,
-    build_leading_cyclist,
-    build_parked_vehicles,
-    fit_to_lane_width,
-    is_behind_bend,
-    select_free_actors,
-)
 from mdrive_sumo.learning.sample_format import SPLITS
 from mdrive_sumo.learning.training_situations import SITUATIONS, SituationPlan
-from mdrive_sumo.learning.training_spawn_points import build_training_cavs, draw_start_speeds
 from mdrive_sumo.roads import RoadMap, find_network_folder, list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario
-from mdrive_sumo.scenario.scripted_actor import Actor, KindName
+from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.weather import WeatherName
-from mdrive_sumo.vehicle import dynamics
-from mdrive_sumo.worlds.placement.occupancy import locate_departure
+from mdrive_sumo.worlds.encounters.crossing_users import CrossingRequest, build_crossing_users, build_leading_cyclist
+from mdrive_sumo.worlds.encounters.route_actors import fit_to_lane_width, is_behind_bend, place_actors
+from mdrive_sumo.worlds.placement.occupancy import build_occupancy, select_free_actors
+from mdrive_sumo.worlds.placement.parked_vehicles import build_parked_vehicles
+from mdrive_sumo.worlds.placement.route_cavs import build_route_cavs, draw_start_speeds
 from mdrive_sumo.worlds.streams.near_traffic import TrafficRequest, build_near_traffic
 
 VERSION = 1
@@ -51,7 +41,6 @@ TEMPLATE, TEMPLATE_SHARE = "template", 0.15
 WEATHERS: Mapping[WeatherName, float] = MappingProxyType({"default": 0.3, "cloudy": 0.25, "night": 0.25, "rain": 0.2})
 MAX_TRIES, SAME_KIND_TRIES = 60, 20
 """Draws of one scenario, and those before its kind is drawn again."""
-CAR = dynamics.MKZ_2017
 
 
 def build_training_scenario(split: str, seed: int, index: int) -> Scenario | None:
@@ -114,19 +103,18 @@ def _build_from_template(name: str, _kind: str, networks: Sequence[str], rng: ra
 
 def _build_situation(name: str, kind: str, networks: Sequence[str], rng: random.Random) -> Scenario:
     roads, plan = _draw_plan(kind, networks, rng)
-    egos = build_training_cavs(plan, roads, rng)
+    egos = build_route_cavs(plan.ways, plan.route_m, roads, rng)
     actors = _build_actors(plan, egos, roads, rng)
     request = TrafficRequest(plan.queue, plan.traffic, plan.is_jammed)
     vehicles = build_near_traffic(roads, tuple(egos.values()), actors, request, rng)
-    boxes = [_build_box(actor) for actor in actors]
-    boxes += [locate_departure(vehicle, roads) for vehicle in vehicles if vehicle.depart_s == 0.0]
+    others = build_occupancy(actors, vehicles, roads).boxes
     return Scenario(
         id=name,
         bucket=BUCKET,
         category=kind,
         network=roads.name,
         description=(SITUATIONS[kind].draw.__doc__ or "").strip(),
-        egos=draw_start_speeds(tuple(egos.values()), boxes, (CAR.length, CAR.width), rng),
+        egos=draw_start_speeds(tuple(egos.values()), others, rng),
         background=Background(vehicles=vehicles),
         actors=actors,
         weather=_draw_weather(rng),
@@ -154,21 +142,15 @@ def _build_actors(
     made = [fit_to_lane_width(actor, roads) for actor in place_actors(plan.obstacles, egos, roads, rng)]
     if any(is_behind_bend(actor, next(iter(egos.values()))) for actor in made):
         raise InputError(f"network {roads.name}: expected obstacles on a straight, found one behind a bend")
-    walkers: list[tuple[KindName, bool]] = [("pedestrian", k < plan.hidden_walkers) for k in range(plan.walkers)]
-    cyclists: list[tuple[KindName, bool]] = [("cyclist", False)] * plan.crossing_cyclists
-    kinds = walkers + cyclists
-    made += build_crossing_users(roads, cavs, kinds, rng)
+    crossing = [CrossingRequest("adult", k < plan.hidden_walkers) for k in range(plan.walkers)]
+    crossing += [CrossingRequest("bicycle", False)] * plan.crossing_cyclists
+    made += build_crossing_users(roads, cavs, crossing, rng)
     if plan.leading_cyclists and (cyclist := build_leading_cyclist(roads, cavs[0], rng)):
         made.append(cyclist)
     essential = {actor.id for actor in made if not actor.id.startswith("screen")}
     made += build_parked_vehicles(roads, cavs, plan.parked, rng)
     chosen = select_free_actors(roads, cavs, made)
-    wanted = len(plan.obstacles) + len(kinds) + plan.leading_cyclists
+    wanted = len(plan.obstacles) + len(crossing) + plan.leading_cyclists
     if wanted and not essential.intersection(actor.id for actor in chosen):
         raise InputError(f"network {roads.name}: expected room for what the situation is about, found none")
     return chosen
-
-
-def _build_box(actor: Actor) -> shapely.Polygon:
-    start = actor.start
-    return shapely.Polygon(box_corners(start.x, start.y, start.yaw, actor.length, actor.width))

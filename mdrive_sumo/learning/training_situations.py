@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from mdrive_sumo.generate.proposal import ProposedActor
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.worlds.encounters.proposed_actor import ProposedActor
 from mdrive_sumo.worlds.lane_routes import LaneRoute, are_opposite, find_lane_change_routes, find_lane_routes
 
 Ways = dict[str, LaneRoute]
@@ -27,7 +27,7 @@ class SituationPlan:
     route_m: tuple[float, float] = (45.0, 130.0)
     """Bounds of the length of the CAVs' routes [m]."""
     obstacles: tuple[ProposedActor, ...] = ()
-    """What `generate.actor_placement` places."""
+    """What `worlds.encounters.route_actors` places."""
     walkers: int = 0
     hidden_walkers: int = 0
     """Of `walkers`, those that step out from behind parked vehicles."""

@@ -3,18 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_encounter import (
-    Encounter,
+from mdrive_sumo.generate.hard.family import (
+    FamilyCandidate,
+    FamilyParameter,
+    ScenarioFamily,
     build_encounter_parameters,
-    build_followers,
-    build_mast,
-    place_encounter,
 )
 from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.encounters.hidden_vehicle import Encounter, place_encounter
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_parked_vehicle
 from mdrive_sumo.worlds.placement.lane_chains import compute_pose, find_conflict
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
@@ -79,18 +78,14 @@ def build_blind_crossing(candidate: FamilyCandidate) -> Scenario:
     site = SITES[min(int(values["site"]), len(SITES) - 1)]
     roads = load_network(site.network)
     hidden = find_lane_path(roads, *site.hidden)
-    encounter = Encounter(find_lane_path(roads, *site.own), hidden, hidden, site.mean_speed)
+    own = find_lane_path(roads, *site.own)
+    encounter = Encounter(own, hidden, hidden, site.mean_speed, values["hidden_speed"])
     placed = place_encounter(roads, encounter, values)
-    more = round(values["cavs"]) - len(placed.egos)
-    followers = build_followers(roads, encounter, placed, more, (values["own_speed"], values["hidden_speed"]))
-    egos = (*placed.egos, *followers)
     actors = (*placed.actors, *_build_corner_vans(roads, encounter, site, values))
-    rsus = (build_mast(roads, encounter),) if values["mast"] >= 0.5 else ()
-    keep_clear = (*egos, *actors)
     streams = STREAMS_BY_NETWORK[site.network]
-    vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, keep_clear)
-    signals = site.network.startswith("hard_corridor")
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, rsus, signals))
+    vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, (*placed.egos, *actors))
+    traffic = FamilyTraffic(vehicles, actors, placed.rsus, site.network.startswith("hard_corridor"))
+    return build_scenario(FAMILY, candidate, roads, placed.egos, traffic)
 
 
 def _build_corner_vans(

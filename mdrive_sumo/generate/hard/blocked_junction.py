@@ -5,13 +5,11 @@ CAV 0 turns left out of a side street of a corridor, or goes straight on in a on
 
 from dataclasses import dataclass
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_encounter import (
-    Encounter,
+from mdrive_sumo.generate.hard.family import (
+    FamilyCandidate,
+    FamilyParameter,
+    ScenarioFamily,
     build_encounter_parameters,
-    build_followers,
-    build_mast,
-    place_encounter,
 )
 from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS
@@ -19,6 +17,7 @@ from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
+from mdrive_sumo.worlds.encounters.hidden_vehicle import Encounter, place_encounter
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_driving_actor
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, find_conflict
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_standing_queue, build_traffic
@@ -107,19 +106,15 @@ def build_blocked_junction(candidate: FamilyCandidate) -> Scenario:
     site = SITES[min(int(values["site"]), len(SITES) - 1)]
     roads = load_network(site.network)
     own, hidden, queue = (find_lane_path(roads, *ends) for ends in (site.own, site.hidden, site.queue))
-    encounter = Encounter(own, hidden, hidden, site.mean_speed)
-    placed = place_encounter(roads, encounter, values)
-    more = round(values["cavs"]) - len(placed.egos)
-    followers = build_followers(roads, encounter, placed, more, (values["own_speed"], 11.0))
+    placed = place_encounter(roads, Encounter(own, hidden, hidden, site.mean_speed, 11.0), values)
     at_m, half_m = find_conflict(roads, own, queue)[1], site.half_path_m
     blocking = _build_blocking(roads, queue, at_m - half_m - values["gap_m"], round(values["blocking"]))
     beyond = () if site.ahead else _build_beyond(roads, queue, at_m + half_m + AHEAD_GAP_M)
-    egos, actors = (*placed.egos, *followers), (*placed.actors, *blocking, *beyond)
+    egos, actors = placed.egos, (*placed.actors, *blocking, *beyond)
     standing = _build_standing(roads, site)
     vehicles = build_traffic(roads, site.streams, round(values["vehicles"]), candidate.seed, (*egos, *actors))
     free = tuple(one for one in vehicles if not _is_in_queue(one, site))
-    rsus = (build_mast(roads, encounter),) if values["mast"] >= 0.5 else ()
-    traffic = FamilyTraffic((*standing, *free), actors, rsus, signals=bool(site.ahead))
+    traffic = FamilyTraffic((*standing, *free), actors, placed.rsus, signals=bool(site.ahead))
     return build_scenario(FAMILY, candidate, roads, egos, traffic)
 
 

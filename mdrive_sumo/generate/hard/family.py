@@ -60,3 +60,17 @@ def check_candidate(family: ScenarioFamily, candidate: FamilyCandidate) -> None:
                 f"{family.category}: {parameter.name}: expected {parameter.low:g} to {parameter.high:g}"
                 f" {parameter.unit}, found {value:g}"
             )
+
+
+def build_encounter_parameters(
+    own_m: tuple[float, float], own_speed: tuple[float, float], hidden_speed: tuple[float, float]
+) -> tuple[FamilyParameter, ...]:
+    """Return the parameters of `place_encounter` but `cavs` and `mast`, with bounds of distance and speeds."""
+    return (
+        FamilyParameter("own_m", *own_m, "m", "distance of CAV 0 from the conflict"),
+        FamilyParameter("own_speed", *own_speed, "m/s", "start speed of CAV 0"),
+        FamilyParameter("gap_s", -2.0, 2.0, "s", "how much later than CAV 0 the hidden vehicle reaches the conflict"),
+        FamilyParameter("hidden_speed", *hidden_speed, "m/s", "speed of the hidden vehicle"),
+        FamilyParameter("connected", 0.0, 1.0, "", "whether the hidden vehicle is a CAV (from 0.5 on)"),
+        FamilyParameter("behind_m", 12.0, 30.0, "m", "distance of the witness behind the hidden vehicle"),
+    )

@@ -1,16 +1,15 @@
 """Entry into a roundabout of two lanes whose planted island and corner houses hide the traffic in the ring."""
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_encounter import (
-    Encounter,
+from mdrive_sumo.generate.hard.family import (
+    FamilyCandidate,
+    FamilyParameter,
+    ScenarioFamily,
     build_encounter_parameters,
-    build_followers,
-    build_mast,
-    place_encounter,
 )
 from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.worlds.encounters.hidden_vehicle import Encounter, place_encounter
 from mdrive_sumo.worlds.placement.lane_chains import Lanes
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
@@ -35,15 +34,11 @@ def build_roundabout_entry(candidate: FamilyCandidate) -> Scenario:
     own = _find_way(roads, arm, lane, 2)
     back = 1 + (values["far"] >= 0.5)
     hidden = _find_way(roads, (arm - back) % 4, lane, 1 + back)
-    encounter = Encounter(own, hidden, hidden, MEAN_SPEED)
-    placed = place_encounter(roads, encounter, values)
-    more = round(values["cavs"]) - len(placed.egos)
-    followers = build_followers(roads, encounter, placed, more, (values["own_speed"], 10.0))
-    egos = (*placed.egos, *followers)
+    placed = place_encounter(roads, Encounter(own, hidden, hidden, MEAN_SPEED, MEAN_SPEED), values)
     streams = tuple(STREAMS_BY_ARM[ARMS[k]] for k in range(4) if k != arm)
-    vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, (*egos, *placed.actors))
-    rsus = (build_mast(roads, encounter),) if values["mast"] >= 0.5 else ()
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, placed.actors, rsus))
+    vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, (*placed.egos, *placed.actors))
+    traffic = FamilyTraffic(vehicles, placed.actors, placed.rsus)
+    return build_scenario(FAMILY, candidate, roads, placed.egos, traffic)
 
 
 def _find_way(roads: RoadMap, arm: int, lane: int, arms: int) -> Lanes:

@@ -4,18 +4,18 @@ import random
 from collections.abc import Mapping
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_encounter import (
-    Encounter,
+from mdrive_sumo.generate.hard.family import (
+    FamilyCandidate,
+    FamilyParameter,
+    ScenarioFamily,
     build_encounter_parameters,
-    build_followers,
-    place_encounter,
 )
 from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.encounters.hidden_vehicle import Encounter, place_encounter
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_parked_vehicle
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
@@ -42,11 +42,10 @@ def build_unprotected_left(candidate: FamilyCandidate) -> Scenario:
         hidden=find_lane_path(roads, f"west_1_{lane}", f"west_0_{lane}"),
         witness=find_lane_path(roads, f"west_1_{3 - lane}", f"west_0_{3 - lane}"),
         mean_speed=MEAN_SPEED,
+        follower_speed=13.0,
     )
     placed = place_encounter(roads, encounter, values)
-    more = round(values["cavs"]) - len(placed.egos)
-    followers = build_followers(roads, encounter, placed, more, (values["own_speed"], 13.0))
-    egos = (*placed.egos, *followers)
+    egos = placed.egos
     actors = (*placed.actors, *_build_trucks(roads, round(values["trucks"]), values))
     vehicles = build_traffic(roads, STREAMS, round(values["vehicles"]), candidate.seed, (*egos, *actors))
     return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, signals=True))

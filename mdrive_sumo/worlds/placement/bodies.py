@@ -10,6 +10,7 @@ from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
+    DistanceTrigger,
     KindName,
     LaneMotion,
     PathMotion,
@@ -100,6 +101,11 @@ def build_driving_actor(
     used = select_lanes(roads, lanes, start_m, compute_chain_length(roads, lanes))
     motion = LaneMotion(lanes=used, speed=round(speed, 2), start_speed=0.0 if "trigger" in more else round(speed, 2))
     return build_actor(name, BODIES[model], compute_pose(roads, lanes, start_m), motion=motion, **more)
+
+
+def build_distance_trigger(ego: Ego, distance_m: float) -> DistanceTrigger:
+    """Return a trigger that fires when a CAV is within a distance [m], at least 3 m and at most 50 m."""
+    return DistanceTrigger(vehicle=ego.id, distance_m=round(min(max(distance_m, 3.0), 50.0), 2))
 
 
 def build_arrival_trigger(ego: Ego, distance_m: float) -> PositionTrigger:

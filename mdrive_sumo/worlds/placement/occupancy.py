@@ -17,6 +17,11 @@ CAR = dynamics.MKZ_2017
 FAR_M = 100.0
 """[m] Longer gaps along a lane count as this."""
 
+BESIDE_ROUTE_M = 1.45
+"""[m] Least distance of a parked vehicle from the centre line of any CAV's route."""
+CLEAR_START_M = 6.0
+"""[m] Added to the length of a CAV at its start: nothing is placed there."""
+
 
 def build_box(pose: Pose, length: float, width: float) -> shapely.Polygon:
     """Return a box [m] as a polygon."""
@@ -40,6 +45,11 @@ def locate_departure(vehicle: BackgroundVehicle, roads: RoadMap) -> shapely.Poly
     """Return the box of a vehicle where it departs."""
     lane = roads.lanes[f"{vehicle.edges[0]}_{vehicle.depart_lane}"]
     return build_box_behind(lane, vehicle.depart_pos_m, (vehicle.length, vehicle.width))
+
+
+def build_start_area(egos: Sequence[Ego], radius_m: float) -> shapely.Polygon | shapely.MultiPolygon:
+    """Return the area within a distance [m] of the starts of CAVs."""
+    return shapely.MultiPoint([(ego.start.x, ego.start.y) for ego in egos]).buffer(radius_m)
 
 
 def overlaps_building(box: shapely.Polygon, roads: RoadMap) -> bool:
@@ -76,3 +86,21 @@ def build_occupancy(users: Iterable[Ego | Actor], vehicles: Sequence[BackgroundV
     """Return the boxes of CAVs, scripted actors and the background vehicles that are there at the start."""
     boxes = [build_user_box(user) for user in users]
     return Occupancy(boxes + [locate_departure(vehicle, roads) for vehicle in vehicles if vehicle.depart_s == 0.0])
+
+
+def select_free_actors(roads: RoadMap, egos: Sequence[Ego], actors: Sequence[Actor]) -> tuple[Actor, ...]:
+    """Return the actors, in order, that overlap no building, CAV or earlier actor; parked ones also leave the CAVs'
+    routes free."""
+    routes = shapely.MultiLineString([ego.xy for ego in egos])
+    taken = [build_user_box(ego, CLEAR_START_M) for ego in egos]
+    chosen: list[Actor] = []
+    for actor in actors:
+        box = build_user_box(actor)
+        is_parked = actor.id.startswith(("parked", "screen"))
+        if any(box.intersects(other) for other in (*roads.building_shapes, *taken)):
+            continue
+        if is_parked and box.distance(routes) < BESIDE_ROUTE_M:
+            continue
+        taken.append(box)
+        chosen.append(actor)
+    return tuple(chosen)

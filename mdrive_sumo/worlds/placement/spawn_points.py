@@ -3,17 +3,14 @@
 Every CAV starts from rest and, driven blindly, reaches its conflict with another one at nearly the same time.
 """
 
-import math
 import random
 from collections.abc import Iterator, Mapping
 
-from mdrive_sumo.core import portable
 from mdrive_sumo.worlds.lane_routes import LaneRoute
-from mdrive_sumo.worlds.placement.cavs import SpawnPoint
+from mdrive_sumo.worlds.placement.blind_driving import blind_distance, blind_travel_time
+from mdrive_sumo.worlds.placement.cavs import NoRoomError, SpawnPoint
 from mdrive_sumo.worlds.placement.lane_chains import RouteLines, find_conflict_stations
 
-BLIND_SPEED, BLIND_ACCELERATION = 8.0, 2.5
-"""[m/s], [m/s2] Parameters of `constant-speed` (protocol 14.2)."""
 RUN_UP_M = (14.0, 56.0)
 """[m] Distance from start to conflict of the first CAV; the original uses 28 m before a junction on average."""
 LEAST_RUN_UP_M = 12.0
@@ -34,22 +31,6 @@ RIM_M = 4.0
 """[m] Least distance of starts and goals from the ends of a route."""
 
 
-def blind_travel_time(distance: float) -> float:
-    """Return the time [s] in which blind driving covers a distance [m] from rest."""
-    speeding = (BLIND_SPEED * BLIND_SPEED) / 2 / BLIND_ACCELERATION
-    if distance < speeding:
-        return math.sqrt(2 * max(distance, 0.0) / BLIND_ACCELERATION)
-    return BLIND_SPEED / BLIND_ACCELERATION + (distance - speeding) / BLIND_SPEED
-
-
-def blind_distance(time: float) -> float:
-    """Return the distance [m] that blind driving covers in a time [s] from rest."""
-    speeding = BLIND_SPEED / BLIND_ACCELERATION
-    if time < speeding:
-        return BLIND_ACCELERATION * portable.square(max(time, 0.0)) / 2
-    return BLIND_SPEED * (time - speeding / 2)
-
-
 LaneRoutes = Mapping[str, LaneRoute]
 """Lane routes by vehicle id."""
 StartStations = dict[str, float]
@@ -58,17 +39,17 @@ StartStations = dict[str, float]
 
 def choose_spawn_points(
     lines: RouteLines, ways: LaneRoutes, route_m: float, rng: random.Random
-) -> dict[str, SpawnPoint] | str:
-    """Return start and goal of every CAV, with routes about `route_m` long; or the reason why there is no room.
+) -> dict[str, SpawnPoint]:
+    """Return start and goal of every CAV, with routes about `route_m` long. Raises NoRoomError.
 
     Of several random draws the one in which most pairs of CAVs meet.
     """
     draws = [_draw_starts(lines, ways, rng) for _ in range(DRAWS)]
-    found = [draw for draw in draws if not isinstance(draw, str)]
+    found = [draw for draw in draws if not isinstance(draw, NoRoomError)]
     if not found:
-        return next(draw for draw in draws if isinstance(draw, str))
+        raise next(draw for draw in draws if isinstance(draw, NoRoomError))
     starts = max(found, key=lambda draw: _count_encounters(draw, lines))
-    last = {name: max((met[0] for _, met in _find_conflicts(name, lines)), default=0.0) for name in starts}
+    last = {name: max((met[0] for _, met in find_conflicts(name, lines)), default=0.0) for name in starts}
     rims = {name: lines[name].last_m - RIM_M for name in starts}
     goals = {
         name: min(max(start + route_m * rng.uniform(0.9, 1.1), last[name] + RUN_OUT_M), rims[name])
@@ -77,17 +58,18 @@ def choose_spawn_points(
     return {name: SpawnPoint(start, goals[name]) for name, start in starts.items()}
 
 
-def _draw_starts(lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> StartStations | str:
+def _draw_starts(lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> StartStations | NoRoomError:
     starts: StartStations = {}
     for name in ways:
         start, length = _draw_start(name, starts, lines, ways, rng), lines[name].last_m
         if not RIM_M <= start <= length - RIM_M - RUN_OUT_M:
-            return f"{name}: expected room for its start on its way of {length:.0f} m, found {start:.0f} m"
+            return NoRoomError(f"{name}: expected room for its start on its way of {length:.0f} m, found {start:.0f} m")
         starts[name] = start
     return starts
 
 
-def _find_conflicts(name: str, lines: RouteLines) -> Iterator[tuple[str, tuple[float, float]]]:
+def find_conflicts(name: str, lines: RouteLines) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Return the CAVs whose routes conflict with that of one, and the stations [m] on both routes."""
     for other in lines:
         if other != name and (met := find_conflict_stations(lines[name], lines[other])) is not None:
             yield other, met
@@ -99,20 +81,25 @@ def _count_encounters(starts: StartStations, lines: RouteLines) -> int:
         min(met[0] - starts[name], met[1] - starts[other]) > 0
         and abs(blind_travel_time(met[0] - starts[name]) - blind_travel_time(met[1] - starts[other])) < TOGETHER_S
         for name in starts
-        for other, met in _find_conflicts(name, lines)
+        for other, met in find_conflicts(name, lines)
     )
+
+
+def draw_start_behind(name: str, starts: Mapping[str, float], ways: LaneRoutes, rng: random.Random) -> float | None:
+    """Return a start [m] behind the CAVs that start on the same lane; None if there is none."""
+    ahead = [start for other, start in starts.items() if ways[other].lanes[0] == ways[name].lanes[0]]
+    return min(ahead) - rng.uniform(*GAP_M) if ahead else None
 
 
 def _draw_start(name: str, starts: StartStations, lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> float:
     """Return a start behind the CAVs on the same lane, beside those on the same road, or such that it meets another
     CAV."""
-    ahead = [starts[other] for other in starts if ways[other].lanes[0] == ways[name].lanes[0]]
-    if ahead:
-        return min(ahead) - rng.uniform(*GAP_M)
+    if (behind := draw_start_behind(name, starts, ways, rng)) is not None:
+        return behind
     beside = [starts[other] for other in starts if ways[other].entry == ways[name].entry]
     if beside:
         return beside[0] + rng.uniform(*BESIDE_M)
-    met = dict(_find_conflicts(name, lines))
+    met = dict(find_conflicts(name, lines))
     if not met:
         return rng.uniform(*CORRIDOR_M)
     first = min(found[0] for found in met.values())

@@ -4,10 +4,8 @@ import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import shapely
 
-from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego
@@ -20,7 +18,7 @@ from mdrive_sumo.worlds.placement.background_vehicles import (
     number_vehicles,
 )
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES
-from mdrive_sumo.worlds.placement.occupancy import CAR, Occupancy, build_box_behind, build_occupancy
+from mdrive_sumo.worlds.placement.occupancy import CAR, Occupancy, build_box_behind, build_occupancy, build_start_area
 
 START_NEAR_CAV_M = 75.0
 """[m] Vehicles start within this distance of a CAV."""
@@ -98,13 +96,6 @@ def _build_queue(
         rear = front + rng.uniform(2.0, 4.0)
 
 
-def _find_near_lanes(roads: RoadMap, egos: Sequence[Ego]) -> list[str]:
-    starts: Float = np.array([(ego.start.x, ego.start.y) for ego in egos])
-    area = shapely.MultiPoint(starts).buffer(START_NEAR_CAV_M)
-    names = find_continuations(roads)
-    return [name for name in names if area.intersects(shapely.LineString(roads.lanes[name].centre.xy))]
-
-
 @dataclass(frozen=True, slots=True)
 class _Place:
     """A place on a lane that a vehicle takes at the start."""
@@ -128,10 +119,10 @@ def _build_present(
 ) -> Iterator[BackgroundVehicle]:
     """Return vehicles that are on the road at the start; `wanted`: how many, whether jammed, top speed [m/s]."""
     count, is_jammed, top = wanted
-    names = list(find_continuations(roads)) if is_jammed else _find_near_lanes(roads, egos)
-    lanes = [roads.lanes[name] for name in names]
-    starts = shapely.MultiPoint([(ego.start.x, ego.start.y) for ego in egos])
-    area = None if is_jammed else starts.buffer(START_NEAR_CAV_M)
+    area = None if is_jammed else build_start_area(egos, START_NEAR_CAV_M)
+    lanes = [roads.lanes[name] for name in find_continuations(roads)]
+    if area is not None:
+        lanes = [lane for lane in lanes if area.intersects(shapely.LineString(lane.centre.xy))]
     drawn = (_draw_place(lanes, area, JAM_M if is_jammed else FREE_M, taken, rng) for _ in range(count if lanes else 0))
     for place in [place for place in drawn if place is not None]:  # all have their places before any has a speed
         gap = min(

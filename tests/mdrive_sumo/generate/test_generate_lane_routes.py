@@ -22,7 +22,7 @@ from mdrive_sumo.scenario.statistics import compute_heading_change_deg, compute_
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.worlds.lane_routes import find_lane_change_routes, find_lane_routes
 from mdrive_sumo.worlds.network_features import Topology, extract_features
-from mdrive_sumo.worlds.placement.spawn_points import blind_distance, blind_travel_time
+from mdrive_sumo.worlds.placement.blind_driving import blind_distance, blind_travel_time
 
 TOPOLOGIES = {
     "avenue": Topology.CORRIDOR,

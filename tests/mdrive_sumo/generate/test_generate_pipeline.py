@@ -18,13 +18,14 @@ from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.generated_suite import load_packaged_generated, write_generated_suite
 from mdrive_sumo.generate.generation_search import MAX_TRIES, WEATHER, GenerationAttempt, GenerationRequest
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected, build_scenario, screen_candidate
-from mdrive_sumo.generate.proposal import EgoVehicle, Proposal, ProposedActor
+from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import find_rule_violations
 from mdrive_sumo.generate.screening import ScreeningResult
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
+from mdrive_sumo.worlds.encounters.proposed_actor import ProposedActor
 from tests.mdrive_sumo.generate.test_generate_rules import deadlock, ego, other, relation
 
 GOOD = ScreeningResult(0.3, 100.0)

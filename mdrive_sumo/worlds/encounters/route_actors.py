@@ -1,20 +1,22 @@
-"""Places the actors of a proposal as scripted road users and props on the route of the CAV that they affect."""
+"""Road users and props on the route of a CAV: groups that stand in or beside its lane, and those that move along it."""
 
 import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+import shapely
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.generate.pedestrian_crossing import LANE_M, WALK_MPS, ActorBody, place_crossing_actors
-from mdrive_sumo.generate.proposal import Lateral, ProposedActor
+from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, Motion, PathMotion, StandingMotion
-from mdrive_sumo.worlds.placement.lane_chains import compute_route_pose
+from mdrive_sumo.worlds.encounters.crossing_users import LANE_M, WALKING_MPS, place_crossing_actors
+from mdrive_sumo.worlds.encounters.proposed_actor import Lateral, ProposedActor
+from mdrive_sumo.worlds.placement.bodies import BODIES, Body, build_actor
+from mdrive_sumo.worlds.placement.lane_chains import build_pose, compute_route_pose
 
 OBJECT_AHEAD_M = 38.0
 """[m] Distance ahead of a CAV's start of objects on a road without a junction."""
@@ -40,8 +42,11 @@ DRIVE_MPS: Mapping[str, float] = {
     "unknown": 8.0,
     "stopped": 0.0,
 }
-WALKER_SIZE, CYCLIST_SIZE, CAR_SIZE = (0.6, 0.6), (1.8, 0.6), (4.6, 1.85)
-"""Length and width [m]."""
+WALKER = BODIES["adult"]._replace(length=0.6, width=0.6)
+"""Body of people in proposals: the packaged scenarios have it."""
+MOVING_BODIES: Mapping[str, Body] = {"walker": WALKER, "cyclist": BODIES["bicycle"], "npc_vehicle": BODIES["car"]}
+SWERVE_M, BEND_RAD = 14, 0.6
+"""[m], [rad] A route that turns by more than this within this distance before an obstacle leaves no room to swerve."""
 MIN_PITCH_M, APART_M, GROUP_GAP_M = 2.2, 1.5, 0.5
 """[m] Least distance along the road between objects of a group, between groups, and between objects side by side."""
 BESIDE_START_M, CLEAR_M = 4.0, 1.35
@@ -70,36 +75,30 @@ def place_actors(
             station = _find_station(actor, ego, roads, 0.0)
             found += place_crossing_actors(actor, (ego, station), roads, body, found)
             continue
-        begin = filled.get(_spot_key(actor)) or _find_station(
-            actor, ego, roads, _compute_depth(actor, proposed, bodies)
-        )
-        found += _build_along_route(actor, ego, roads, body, begin + body[2][0] / 2)
+        begin = filled.get(actor.place) or _find_station(actor, ego, roads, _compute_depth(actor, proposed, bodies))
+        found += _build_along_route(actor, ego, roads, body, begin + body.length / 2)
         if actor.motion == "static":
-            filled[_spot_key(actor)] = begin + compute_group_length(actor, body[2]) + APART_M
+            filled[actor.place] = begin + compute_group_length(actor, body) + APART_M
     return tuple(found)
 
 
-def compute_group_length(actor: ProposedActor, size: tuple[float, float]) -> float:
+def compute_group_length(actor: ProposedActor, body: Body) -> float:
     """Return the length of road [m] that a group occupies."""
-    return size[0] + (actor.quantity - 1) * _compute_pitch(actor, size)
+    return body.length + (actor.quantity - 1) * _compute_pitch(actor, body)
 
 
-def _compute_pitch(actor: ProposedActor, size: tuple[float, float]) -> float:
+def _compute_pitch(actor: ProposedActor, body: Body) -> float:
     """Return the distance [m] along the road from one object of a group to the next."""
-    return 0.0 if actor.group_pattern == "across_lane" else max(size[0] + 0.4, MIN_PITCH_M)
+    return 0.0 if actor.group_pattern == "across_lane" else max(body.length + 0.4, MIN_PITCH_M)
 
 
-def _compute_depth(actor: ProposedActor, proposed: Sequence[ProposedActor], bodies: Sequence[ActorBody]) -> float:
+def _compute_depth(actor: ProposedActor, proposed: Sequence[ProposedActor], bodies: Sequence[Body]) -> float:
     """Return the length of road [m] of all groups at the position of this one."""
     return math.fsum(
-        compute_group_length(other, body[2]) + APART_M
+        compute_group_length(other, body) + APART_M
         for other, body in zip(proposed, bodies, strict=True)
-        if _spot_key(other) == _spot_key(actor) and other.motion == "static"
+        if other.place == actor.place and other.motion == "static"
     )
-
-
-def _spot_key(actor: ProposedActor) -> tuple[str, str]:
-    return actor.affects_vehicle, actor.timing_phase
 
 
 def _find_station(actor: ProposedActor, ego: Ego, roads: RoadMap, depth: float) -> float:
@@ -120,28 +119,19 @@ def _find_station(actor: ProposedActor, ego: Ego, roads: RoadMap, depth: float) 
     return max(inside[-1] + BEHIND_M, MIN_AHEAD_M) if depth else max(before, NEAREST_M)
 
 
-def _build_along_route(actor: ProposedActor, ego: Ego, roads: RoadMap, body: ActorBody, base: float) -> Iterator[Actor]:
-    model, kind, size = body
+def _build_along_route(actor: ProposedActor, ego: Ego, roads: RoadMap, body: Body, base: float) -> Iterator[Actor]:
     free = _find_parallel_lanes(ego, roads, base)
-    offsets = _compute_offsets(actor, size[1])
+    offsets = _compute_offsets(actor, body.width)
     if _is_parked_at_edge(actor):  # of the road, not between two lanes
-        near = base - size[0] / 2 < NEAREST_M
-        least = CLEAR_M + size[1] / 2 if near else 0.0
+        near = base - body.length / 2 < NEAREST_M
+        least = CLEAR_M + body.width / 2 if near else 0.0
         offsets = [min(offset, -least) - LANE_M * free[1] for offset in offsets]
     elif actor.motion == "static":
-        offsets = shift_to_passable(offsets, size[1], free)
+        offsets = shift_to_passable(offsets, body.width, free)
     for n, offset in enumerate(offsets):
-        station = base + n * _compute_pitch(actor, size)
-        x, y, yaw = compute_route_pose(ego, station, offset)
-        yield Actor(
-            id=actor.actor_id if actor.quantity == 1 else f"{actor.actor_id}.{n}",
-            kind=kind,
-            model=model,
-            length=size[0],
-            width=size[1],
-            start=Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4)),
-            motion=_build_motion(actor, ego, station, offset),
-        )
+        station = base + n * _compute_pitch(actor, body)
+        start = build_pose(*compute_route_pose(ego, station, offset))
+        yield build_actor(actor.name_member(n), body, start, motion=_build_motion(actor, ego, station, offset))
 
 
 def _is_parked_at_edge(actor: ProposedActor) -> bool:
@@ -193,16 +183,12 @@ def _has_parallel_lane(poses: Sequence[tuple[float, float, float]], roads: RoadM
     return bool(((near.distance < LANE_M / 3) & (turned > 0))[outside].all()) and bool(outside.any())
 
 
-def _choose_body(actor: ProposedActor, rng: random.Random) -> ActorBody:
-    if actor.kind == "walker":
-        return "adult", "pedestrian", WALKER_SIZE
-    if actor.kind == "cyclist":
-        return "bicycle", "cyclist", CYCLIST_SIZE
-    if actor.kind == "npc_vehicle":
-        return "car", "vehicle", CAR_SIZE
-    names = ("parked-car", "parked-van") if actor.kind == "parked_vehicle" else _find_prop_names(actor)
-    name = rng.choice(names)
-    return name, PROPS[name].kind, (PROPS[name].length, PROPS[name].width)
+def _choose_body(actor: ProposedActor, rng: random.Random) -> Body:
+    if actor.kind in MOVING_BODIES:
+        return MOVING_BODIES[actor.kind]
+    return BODIES[
+        rng.choice(("parked-car", "parked-van") if actor.kind == "parked_vehicle" else _find_prop_names(actor))
+    ]
 
 
 def _find_prop_names(actor: ProposedActor) -> tuple[str, ...]:
@@ -218,6 +204,24 @@ def _build_motion(actor: ProposedActor, ego: Ego, station: float, offset: float)
     forth = -1.0 if actor.direction_relative_to == "opposite" else 1.0
     reach = max(len(ego.route) - 1 - station, 20.0) if forth > 0 else station
     points = [compute_route_pose(ego, station + forth * d, offset)[:2] for d in np.arange(0.0, reach, 2.0)]
-    speeds = WALK_MPS if actor.kind == "walker" else DRIVE_MPS
+    speeds = WALKING_MPS if actor.kind == "walker" else DRIVE_MPS
     path = tuple((round(x, 3), round(y, 3)) for x, y in points)
     return PathMotion(points=path, speed=speeds[actor.speed])
+
+
+def fit_to_lane_width(actor: Actor, roads: RoadMap) -> Actor:
+    """Return an obstacle, moved to the right in a lane narrower than `LANE_M`, for which it was placed.
+
+    There it leaves as much of the lane and its neighbour free as in a lane of that width.
+    """
+    start = actor.start
+    lane = roads.driving[roads.find_nearest_lanes(np.array([[start.x, start.y]])).lane[0]]
+    moved = build_pose(start.x, start.y, start.yaw, min(lane.width - LANE_M, 0.0))
+    return actor.model_copy(update={"start": moved})
+
+
+def is_behind_bend(actor: Actor, ego: Ego) -> bool:
+    """Return whether the CAV's route turns much shortly before an obstacle: there is no room to swerve."""
+    station = round(shapely.line_locate_point(shapely.LineString(ego.xy), shapely.Point(actor.start.x, actor.start.y)))
+    yaws = ego.yaw[max(station - SWERVE_M, 0) : station + 1].tolist()
+    return max(abs(wrap_angle(yaw - yaws[-1])) for yaw in yaws) > BEND_RAD

@@ -9,7 +9,6 @@ import pytest
 import shapely
 
 from mdrive_sumo.core.geometry import boxes_corners
-from mdrive_sumo.generate.actor_placement import LANE_M, NEAREST_M, PASSABLE_M, shift_to_passable
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
 from mdrive_sumo.generate.recipe import Recipe
@@ -18,6 +17,7 @@ from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.worlds.encounters.route_actors import LANE_M, NEAREST_M, PASSABLE_M, shift_to_passable
 
 
 def _pose(actor: Actor) -> tuple[float, float, float]:

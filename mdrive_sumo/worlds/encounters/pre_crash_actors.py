@@ -10,12 +10,7 @@ import shapely
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import box_corners
-from mdrive_sumo.generate.actor_placement import CAR_SIZE, CYCLIST_SIZE, DRIVE_MPS, WALK_MPS, WALKER_SIZE, place_actors
-from mdrive_sumo.generate.pre_crash_spawn_points import compute_arrival_s
-from mdrive_sumo.generate.proposal import Lateral, ProposedActor
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import (
@@ -27,12 +22,22 @@ from mdrive_sumo.scenario.scripted_actor import (
     StartMotion,
     TimeTrigger,
 )
+from mdrive_sumo.worlds.encounters.crossing_users import CYCLING_MPS, WALKING_MPS
+from mdrive_sumo.worlds.encounters.proposed_actor import Lateral, ProposedActor
+from mdrive_sumo.worlds.encounters.route_actors import (
+    DRIVE_MPS,
+    WALKER,
+    place_actors,
+)
 from mdrive_sumo.worlds.lane_routes import LaneRoute, find_lane_change_routes, find_lane_routes, locate_junction
+from mdrive_sumo.worlds.placement.blind_driving import compute_arrival_s
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_crossing_actor, build_distance_trigger
 from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
-from mdrive_sumo.worlds.placement.lane_chains import build_way_line
+from mdrive_sumo.worlds.placement.lane_chains import build_pose, build_way_line
+from mdrive_sumo.worlds.placement.occupancy import build_user_box, overlaps_building
 from mdrive_sumo.worlds.placement.spawn_points import RIM_M
 
-VAN = PROPS["parked-van"]
+VAN, CAR = BODIES["parked-van"], BODIES["car"]
 ROADSIDE_M = 3.05
 """[m] Lateral distance from the lane's centre line to a vehicle at the kerb; cars pass it with 0.9 m clearance."""
 KERB_M = 3.5
@@ -47,7 +52,6 @@ HALF_BESIDE_M = 1.2
 """[m] Lateral offset of a car half in the lane: it can be passed without leaving the own lane by half."""
 HIDES_M = 0.6
 """[m] Least distance between the van and the actor that it hides."""
-CYCLE_MPS = 3.0
 HALF_CAR_S = 0.35
 """[s] Time in which a CAV covers half its length."""
 LEAD_M = 11.0
@@ -79,9 +83,8 @@ class _CavRoute:
         """Return the pose on the route, `offset` to its left."""
         line = shapely.LineString(self.line.xy)
         a, b = line.interpolate(station - 0.5), line.interpolate(station + 0.5)
-        yaw, mid = portable.atan2(b.y - a.y, b.x - a.x), line.interpolate(station)
-        x, y = mid.x - offset * portable.sin(yaw), mid.y + offset * portable.cos(yaw)
-        return Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))
+        mid = line.interpolate(station)
+        return build_pose(mid.x, mid.y, portable.atan2(b.y - a.y, b.x - a.x), offset)
 
     def lanes_right(self, station: float) -> float:
         """Return the width [m] of the lanes between the CAV's lane and the kerb."""
@@ -145,61 +148,40 @@ def _build_van(actor: ProposedActor, drive: _CavRoute, hidden: Actor | None, ego
         corner = actor.timing_phase == "on_approach"
         stations = (drive.start + CORNER_M if corner else drive.station(actor)) + SHIFTS_M
     for station in stations.tolist():
-        van = Actor(
-            id=actor.actor_id,
-            kind="vehicle",
-            model="parked-van",
-            length=VAN.length,
-            width=VAN.width,
-            start=drive.at(station, -ROADSIDE_M - drive.lanes_right(station)),
-        )
-        if hidden is not None and _box_polygon(van).distance(_box_polygon(hidden)) < HIDES_M:
+        van = build_actor(actor.actor_id, VAN, drive.at(station, -ROADSIDE_M - drive.lanes_right(station)))
+        if hidden is not None and build_user_box(van).distance(build_user_box(hidden)) < HIDES_M:
             continue
-        if _is_free(_box_polygon(van), drive.roads, egos):
+        if _is_free(build_user_box(van), drive.roads, egos):
             return van
     raise InputError(f"actor {actor.actor_id}: expected room for a van at the kerb, found none")
 
 
-def _box_polygon(actor: Actor) -> shapely.Polygon:
-    start = actor.start
-    return shapely.Polygon(box_corners(start.x, start.y, start.yaw, actor.length, actor.width))
-
-
 def _is_free(box: shapely.Polygon, roads: RoadMap, egos: Mapping[str, Ego]) -> bool:
-    inside = any(box.intersects(building) for building in roads.building_shapes)
-    return not inside and all(box.distance(shapely.LineString(ego.xy)) > BESIDE_M for ego in egos.values())
+    return not overlaps_building(box, roads) and all(
+        box.distance(shapely.LineString(ego.xy)) > BESIDE_M for ego in egos.values()
+    )
 
 
 def _start_station(actor: ProposedActor, drive: _CavRoute) -> float:
     """Return the station of a hidden actor: behind a junction there must be room for the van, too."""
     if actor.kind == "npc_vehicle":
-        return drive.exit + VAN.length + CAR_SIZE[0] / 2 + HIDES_M
+        return drive.exit + VAN.length + CAR.length / 2 + HIDES_M
     return drive.station(actor) + (0.0 if actor.timing_phase == "on_approach" else HIDES_M)
 
 
 def _build_crosser(actor: ProposedActor, drive: _CavRoute) -> Actor:
     """Return an actor that crosses from the kerb, triggered such that a blindly driven CAV meets it."""
     walker = actor.kind == "walker"
-    speed = WALK_MPS[actor.speed] if walker else CYCLE_MPS
+    speed = WALKING_MPS[actor.speed] if walker else CYCLING_MPS
     station = _start_station(actor, drive)
     right, left = drive.at(station, -KERB_M - drive.lanes_right(station)), drive.at(station, ACROSS_M)
     start, end = (left, right) if actor.crossing_direction == "left" else (right, left)
     here = drive.at(station)
     out = portable.hypot(start.x - here.x, start.y - here.y)
-    yaw = portable.atan2(end.y - start.y, end.x - start.x)
-    size = WALKER_SIZE if walker else CYCLIST_SIZE
-    return Actor(
-        id=actor.actor_id,
-        kind="pedestrian" if walker else "cyclist",
-        model="adult" if walker else "bicycle",
-        length=size[0],
-        width=size[1],
-        start=Pose(x=start.x, y=start.y, yaw=round(yaw, 4)),
-        motion=PathMotion(points=((start.x, start.y), (end.x, end.y)), speed=speed),
-        avoid_collision=walker,
-        trigger=_build_trigger(drive, start, station, _compute_crossing_s(out, speed, 1.5 if walker else 1.2)),
-        action=StartMotion(),
-    )
+    trigger = _build_trigger(drive, start, station, _compute_crossing_s(out, speed, 1.5 if walker else 1.2))
+    ends = ((start.x, start.y), (end.x, end.y))
+    body = WALKER if walker else BODIES["bicycle"]
+    return build_crossing_actor(actor.actor_id, body, ends, speed, trigger, avoid_collision=walker)
 
 
 def _compute_crossing_s(distance: float, speed: float, acceleration: float) -> float:
@@ -214,26 +196,21 @@ def _build_trigger(drive: _CavRoute, place: Pose, station: float, needed_s: floa
     stations = np.arange(drive.start, station, 0.5)
     at = next((s for s in stations if compute_arrival_s(drive.line, drive.start, s) >= due), station - 0.5)
     here = drive.at(float(at))
-    away = portable.hypot(here.x - place.x, here.y - place.y)
-    return DistanceTrigger(vehicle=drive.ego.id, distance_m=round(min(max(away, 3.0), 50.0), 2))
+    return build_distance_trigger(drive.ego, portable.hypot(here.x - place.x, here.y - place.y))
 
 
 def _build_car(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
     if actor.lateral_position == "left_edge":
         return _build_waiting_vehicle(actor, drive, egos)
     if actor.lateral_position == "half_right":
-        return _build_vehicle(actor, start=drive.at(drive.exit + STOPPED_M, -HALF_BESIDE_M))
+        return _build_vehicle(actor, drive.at(drive.exit + STOPPED_M, -HALF_BESIDE_M))
     if actor.lateral_position != "center":
         return _build_pulling_out_vehicle(actor, drive)
     return _build_leading_vehicle(actor, drive)
 
 
-def _build_vehicle(actor: ProposedActor, **more: object) -> Actor:
-    van = actor.actor_id.startswith("van")
-    size = {"length": VAN.length, "width": VAN.width} if van else {"length": CAR_SIZE[0], "width": CAR_SIZE[1]}
-    return Actor.model_validate(
-        {"id": actor.actor_id, "kind": "vehicle", "model": "van" if van else "car", **size, **more}
-    )
+def _build_vehicle(actor: ProposedActor, start: Pose, **more: object) -> Actor:
+    return build_actor(actor.actor_id, BODIES["van" if actor.actor_id.startswith("van") else "car"], start, **more)
 
 
 def _build_waiting_vehicle(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
@@ -244,8 +221,8 @@ def _build_waiting_vehicle(actor: ProposedActor, drive: _CavRoute, egos: Mapping
     edge = drive.at(drive.edge, drive.roads.lanes[lane.left].width)
     for ahead in np.arange((drive.exit - drive.edge) / 2, -VAN.length, -1.0):
         x, y = edge.x + ahead * portable.cos(edge.yaw), edge.y + ahead * portable.sin(edge.yaw)
-        van = _build_vehicle(actor, start=Pose(x=round(x, 3), y=round(y, 3), yaw=edge.yaw))
-        if _is_free(_box_polygon(van), drive.roads, egos):
+        van = _build_vehicle(actor, Pose(x=round(x, 3), y=round(y, 3), yaw=edge.yaw))
+        if _is_free(build_user_box(van), drive.roads, egos):
             return van
     raise InputError(f"actor {actor.actor_id}: expected room to wait in the junction, found none")
 
@@ -260,13 +237,11 @@ def _build_leading_vehicle(actor: ProposedActor, drive: _CavRoute) -> Actor:
     start = drive.start + LEAD_M
     ahead = _build_lane_drive(drive.roads, drive.way, start)
     if actor.speed != "erratic":
-        return _build_vehicle(
-            actor, start=ahead.start, motion=LaneMotion(lanes=ahead.lanes, speed=DRIVE_MPS[actor.speed])
-        )
+        return _build_vehicle(actor, ahead.start, motion=LaneMotion(lanes=ahead.lanes, speed=DRIVE_MPS[actor.speed]))
     at_s = round(compute_arrival_s(drive.line, start, drive.exit - 4.0), 2)
     motion = LaneMotion(lanes=ahead.lanes, speed=6.0)
     action = HardBrake(hold_s=HOLD_S, pacing=False, least_driven_s=1.0, resume_speed=DRIVE_MPS["normal"])
-    return _build_vehicle(actor, start=ahead.start, motion=motion, trigger=TimeTrigger(at_s=at_s), action=action)
+    return _build_vehicle(actor, ahead.start, motion=motion, trigger=TimeTrigger(at_s=at_s), action=action)
 
 
 def _build_pulling_out_vehicle(actor: ProposedActor, drive: _CavRoute) -> Actor:
@@ -279,4 +254,4 @@ def _build_pulling_out_vehicle(actor: ProposedActor, drive: _CavRoute) -> Actor:
         points.append(drive.at(float(s), -ROADSIDE_M * (1 - (share * share) * (3 - 2 * share))))
     motion = PathMotion(points=tuple((p.x, p.y) for p in points), speed=DRIVE_MPS[actor.speed])
     trigger = _build_trigger(drive, points[0], station, 2.5)
-    return _build_vehicle(actor, start=points[0], motion=motion, trigger=trigger, action=StartMotion())
+    return _build_vehicle(actor, points[0], motion=motion, trigger=trigger, action=StartMotion())

@@ -1,4 +1,4 @@
-"""CAVs of training scenarios: starts and goals on their lane routes, such that they meet, and some start speeds."""
+"""CAVs on lane routes, whether these meet or not: starts and goals, and start speeds where nothing is near."""
 
 import random
 from collections.abc import Sequence
@@ -7,19 +7,24 @@ from itertools import combinations
 import numpy as np
 import shapely
 
-from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import box_corners, wrap_angle
-from mdrive_sumo.learning.training_situations import SituationPlan
+from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.worlds.lane_routes import locate_junction
-from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
+from mdrive_sumo.worlds.placement.cavs import NoRoomError, SpawnPoint, build_spawned_cav
 from mdrive_sumo.worlds.placement.lane_chains import (
     RouteLines,
     build_way_line,
     find_conflict_stations,
 )
-from mdrive_sumo.worlds.placement.spawn_points import GAP_M, RIM_M, RUN_OUT_M, LaneRoutes, choose_spawn_points
+from mdrive_sumo.worlds.placement.occupancy import build_user_box
+from mdrive_sumo.worlds.placement.spawn_points import (
+    RIM_M,
+    RUN_OUT_M,
+    LaneRoutes,
+    choose_spawn_points,
+    draw_start_behind,
+)
 
 CHANGE_SHARES = (0.3, 0.4, 0.5, 0.6)
 """Where on its lane a lane change begins; few values, for lines of routes are cached."""
@@ -39,15 +44,19 @@ STRAIGHT_RAD = 0.25
 """[rad] Its route turns by no more than that there."""
 
 
-def build_training_cavs(plan: SituationPlan, roads: RoadMap, rng: random.Random) -> dict[str, Ego]:
-    """Return the CAVs by the plan's vehicle ids, at rest. Raises InputError where they have no room."""
+def build_route_cavs(
+    ways: LaneRoutes, route_m: tuple[float, float], roads: RoadMap, rng: random.Random
+) -> dict[str, Ego]:
+    """Return the CAVs by vehicle id, at rest, with routes of a length drawn between two bounds [m].
+
+    Raises NoRoomError where they have no room.
+    """
     share = rng.choice(CHANGE_SHARES)
-    lines = {name: build_way_line(roads, way, share) for name, way in plan.ways.items()}
-    route_m = rng.uniform(*plan.route_m)
-    spawns = _choose_spawns(plan.ways, lines, route_m, roads, rng)
+    lines = {name: build_way_line(roads, way, share) for name, way in ways.items()}
+    spawns = _choose_spawns(ways, lines, rng.uniform(*route_m), roads, rng)
     return {
         name: build_spawned_cav(roads, str(number), way, spawns[name], share)
-        for number, (name, way) in enumerate(plan.ways.items())
+        for number, (name, way) in enumerate(ways.items())
     }
 
 
@@ -63,10 +72,7 @@ def _choose_spawns(
         start = min(max(start, RIM_M), last)
         return {name: SpawnPoint(start, min(start + route_m, length - RIM_M))}
     if any(find_conflict_stations(lines[a], lines[b]) for a, b in combinations(ways, 2)):
-        spawns = choose_spawn_points(lines, ways, route_m, rng)
-        if isinstance(spawns, str):
-            raise InputError(spawns)
-        return spawns
+        return choose_spawn_points(lines, ways, route_m, rng)
     return _choose_passing_spawns(ways, lines, route_m, rng)
 
 
@@ -78,9 +84,8 @@ def _choose_passing_spawns(
     lengths = {name: lines[name].last_m for name in ways}
     starts = {first: rng.uniform(RIM_M, max(lengths[first] - LEAST_ROUTE_M - RIM_M, RIM_M))}
     for name in others:
-        same_lane = [starts[other] for other in starts if ways[other].lanes[0] == ways[name].lanes[0]]
-        if same_lane:
-            starts[name] = min(same_lane) - rng.uniform(*GAP_M)
+        if (behind := draw_start_behind(name, starts, ways, rng)) is not None:
+            starts[name] = behind
             continue
         is_beside = ways[name].entry == ways[first].entry
         ahead = rng.uniform(*BESIDE_M) if is_beside else rng.uniform(*MEET_M)
@@ -89,18 +94,16 @@ def _choose_passing_spawns(
         starts[name] = met if is_beside else met - rng.uniform(*MEET_M)
     for name, start in starts.items():
         if not RIM_M <= start <= lengths[name] - RIM_M - RUN_OUT_M:
-            raise InputError(f"{name}: expected room for its start on {lengths[name]} m, found {start:.0f} m")
+            raise NoRoomError(f"{name}: expected room for its start on {lengths[name]} m, found {start:.0f} m")
     return {name: SpawnPoint(start, min(start + route_m, lengths[name] - RIM_M)) for name, start in starts.items()}
 
 
-def draw_start_speeds(
-    egos: Sequence[Ego], others: Sequence[shapely.Polygon], car: tuple[float, float], rng: random.Random
-) -> tuple[Ego, ...]:
+def draw_start_speeds(egos: Sequence[Ego], others: Sequence[shapely.Polygon], rng: random.Random) -> tuple[Ego, ...]:
     """Return the CAVs, some with a speed at the start: those with a free and nearly straight stretch ahead.
 
-    others: boxes of all other road users; car: length and width of a CAV [m].
+    others: boxes of all other road users.
     """
-    boxes = [shapely.Polygon(box_corners(e.start.x, e.start.y, e.start.yaw, *car)) for e in egos]
+    boxes = [build_user_box(ego) for ego in egos]
     found: list[Ego] = []
     for k, ego in enumerate(egos):
         is_moving, speed = rng.random() < MOVING_SHARE, round(rng.uniform(*START_MPS), 2)

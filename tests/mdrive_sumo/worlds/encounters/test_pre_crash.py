@@ -13,7 +13,6 @@ from mdrive_sumo.generate import pre_crash_typologies
 from mdrive_sumo.generate.built_in_drive import drive_episode
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected, build_scenario
-from mdrive_sumo.generate.pre_crash_spawn_points import compute_arrival_s
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.rules import find_rule_violations
@@ -28,8 +27,13 @@ from mdrive_sumo.study.occlusion_certificate import (
     ReferenceDrive,
     find_occluded_intervals,
 )
+from mdrive_sumo.worlds.placement.blind_driving import (
+    BLIND_ACCELERATION,
+    BLIND_SPEED,
+    blind_travel_time,
+    compute_arrival_s,
+)
 from mdrive_sumo.worlds.placement.lane_chains import RouteLine
-from mdrive_sumo.worlds.placement.spawn_points import BLIND_ACCELERATION, BLIND_SPEED, blind_travel_time
 
 pytestmark = pytest.mark.slow
 
