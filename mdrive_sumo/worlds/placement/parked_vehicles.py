@@ -1,4 +1,4 @@
-"""Rows of parked vehicles along lanes, with free places, and the vehicle that hides who stands in one."""
+"""Rows of parked vehicles along lanes, with free places, and the vehicle that hides a person in one."""
 
 import random
 from collections.abc import Iterator, Sequence
