@@ -1,1 +1,1 @@
-"""Encounters: the building blocks of a conflict: which road users, where and when, what hides them and what sees them."""
+"""Encounters: building blocks of a conflict: which road users, where and when, what hides them and what sees them."""
