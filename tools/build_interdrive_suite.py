@@ -17,8 +17,8 @@ from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.packaged_suites import list_seasons
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite, seal_suite
-from mdrive_sumo.worlds.authoring.road_users import build_cav
 from mdrive_sumo.worlds.authoring.route_steps import build_route
+from mdrive_sumo.worlds.placement.cavs import build_ego
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
 RECIPE_FILE = "recipe.toml"
@@ -29,7 +29,7 @@ def build_scenario(entry: dict[str, Any]) -> Scenario:
     """Build a scenario from its table of the recipe; raise InputError."""
     roads = load_road_map(find_network_folder(entry["network"]))
     try:
-        egos = tuple(build_cav(str(i), build_route(roads, text)) for i, text in enumerate(entry["cavs"]))
+        egos = tuple(build_ego(str(i), build_route(roads, text)) for i, text in enumerate(entry["cavs"]))
     except InputError as error:
         raise InputError(f"{entry['id']}: {error}") from None
     return Scenario(

@@ -1,7 +1,8 @@
-"""Road users of a scenario that is written by hand: CAVs, SUMO's vehicles, scripted ones, parked rows, props."""
+"""Road users of a scenario that is written by hand: SUMO's vehicles, scripted ones, parked rows, props."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal, get_args
+from itertools import pairwise
+from typing import Literal
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
@@ -9,26 +10,30 @@ from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.roads import Lane, RoadMap, Route
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.props import PROPS
-from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import (
     Action,
     Actor,
     HardBrake,
-    KindName,
     LaneChange,
     LaneMotion,
-    PathMotion,
-    StandingMotion,
+    StartMotion,
     Trigger,
 )
+from mdrive_sumo.worlds.authoring.point_matching import match_point
 from mdrive_sumo.worlds.authoring.route_steps import Point
-from mdrive_sumo.worlds.traffic.vehicle_classes import VEHICLE_CLASSES, VehicleClass, build_vehicle
+from mdrive_sumo.worlds.placement.background_vehicles import DRIVING, build_background_vehicle, list_edges
+from mdrive_sumo.worlds.placement.bodies import (
+    BODIES,
+    BODY_SIZES,
+    build_actor,
+    build_crossing_actor,
+    build_parked_vehicle,
+    build_rider,
+)
+from mdrive_sumo.worlds.placement.lane_chains import build_pose, compute_lane_pose
 
-VehicleModel = Literal["car", "van", "truck", "bus", "motorcycle", "emergency"]
-"""A class of `VEHICLE_CLASSES`."""
-WALKER_SIZES: Mapping[KindName, tuple[float, float]] = {"pedestrian": (0.5, 0.5), "cyclist": (1.8, 0.6)}
-"""Length and width [m]."""
+VehicleModel = Literal["car", "van", "truck", "bus"]
+"""A vehicle of `DRIVING`."""
 WALKING_SPEED, CYCLING_SPEED = 1.4, 4.5
 """[m/s] Adults on foot (Highway Capacity Manual: 1.2 to 1.5) and cyclists in towns (15 to 20 km/h)."""
 PARKING_GAP_M = 1.2
@@ -38,143 +43,101 @@ KERB_GAP_M = 0.25
 RowSide = Literal["right", "left"]
 Behaviour = Literal["start", "brake", "change-left", "change-right"]
 """What the trigger of a scripted vehicle sets off."""
-
-
-def find_class(model: str) -> VehicleClass:
-    """Return size and car following of a vehicle by model. Raises InputError."""
-    if model not in VEHICLE_CLASSES:
-        raise InputError(f"model: {describe_unknown(model, VEHICLE_CLASSES)}")
-    return VEHICLE_CLASSES[model]
-
-
-def build_cav(name: str, route: Route, start_speed: float = 0.0, time_limit_s: float | None = None) -> Ego:
-    """Return a CAV on the first point of its route; points are rounded to 1 mm, as in files."""
-    xy, yaws = route.xy.tolist(), route.yaw.tolist()
-    points = tuple((round(x, 3), round(y, 3), round(yaw, 4)) for (x, y), yaw in zip(xy, yaws, strict=True))
-    x, y, yaw = points[0]
-    return Ego(
-        id=name,
-        start=Pose(x=x, y=y, yaw=yaw),
-        start_speed=start_speed,
-        time_limit_s=time_limit_s,
-        lanes=route.lanes,
-        route=points,
-    )
+ACTIONS: Mapping[str, Action] = {
+    "start": StartMotion(),
+    "brake": HardBrake(),
+    "change-left": LaneChange(direction="left"),
+    "change-right": LaneChange(direction="right"),
+}
+"""Action of a trigger by behaviour."""
 
 
 def build_traffic_vehicle(
     name: str, roads: RoadMap, route: Route, model: str, speed: float, depart_s: float
 ) -> BackgroundVehicle:
-    """Return a vehicle that SUMO drives along the roads of a route, from its start to the end of its last road."""
+    """Return a vehicle that SUMO drives along the roads of a route, from its start to the end of its last road.
+
+    Raises InputError for a start inside a junction, or without room on its lane.
+    """
     lane = roads.lanes[route.lanes[0]]
     if lane.junction:
         raise InputError(f"start: expected a lane outside junctions, found {lane.id}")
-    length = find_class(model).length
-    edges = list(dict.fromkeys(roads.lanes[one].edge for one in route.lanes if not roads.lanes[one].junction))
+    length = _get_length(model)
     x, y = route.xy[0].tolist()
     front = lane.centre.project(x, y)[0] + length / 2
     if not length <= front <= lane.centre.length:
         raise InputError(
-            f"start: expected room for its {length:g} m on lane {lane.id} of"
-            f" {lane.centre.length:.1f} m, found its front at {front:.1f} m"
+            f"start: expected room for its {length:g} m on lane {lane.id} of {lane.centre.length:.1f} m, found"
+            f" its front at {front:.1f} m"
         )
-    return build_vehicle(
+    vehicle = build_background_vehicle(
         model,
-        tuple(edges),
-        id=name,
+        list_edges(roads, route.lanes),
+        lane.index,
         depart_s=depart_s,
-        depart_lane=lane.index,
-        depart_pos_m=round(front, 2),
+        depart_pos_m=front,
         depart_speed=speed,
     )
+    return vehicle.model_copy(update={"id": name})
+
+
+def _get_length(model: str) -> float:
+    """Return the length [m] of a vehicle by model. Raises InputError."""
+    if model not in DRIVING:
+        raise InputError(f"model: {describe_unknown(model, DRIVING)}")
+    return BODY_SIZES[model][0]
 
 
 def build_scripted_vehicle(
-    name: str, route: Route, model: str, speed: float, trigger: Trigger | None, behaviour: Behaviour
+    name: str, route: Route, model: str, speed: float, trigger: Trigger | None, behaviour: str
 ) -> Actor:
     """Return a vehicle that follows its lanes at a speed; a trigger sets off what `behaviour` names."""
-    if behaviour not in get_args(Behaviour):
-        raise InputError(f"then: {describe_unknown(behaviour, get_args(Behaviour))}")
-    body = find_class(model)
-    x, y = route.xy[0].tolist()
+    _get_length(model)
+    if behaviour not in ACTIONS:
+        raise InputError(f"then: {describe_unknown(behaviour, ACTIONS)}")
     waits = trigger is not None and behaviour == "start"
-    return Actor(
-        id=name,
-        kind="vehicle",
-        model=model,
-        length=body.length,
-        width=body.width,
-        start=_make_pose(x, y, float(route.yaw[0])),
-        motion=LaneMotion(lanes=route.lanes, speed=speed, start_speed=0.0 if waits else speed),
-        trigger=trigger,
-        action=None if trigger is None else _build_action(behaviour),
-    )
+    motion = LaneMotion(lanes=route.lanes, speed=speed, start_speed=0.0 if waits else speed)
+    x, y = route.xy[0].tolist()
+    start = build_pose(x, y, float(route.yaw[0]))
+    action = None if trigger is None else ACTIONS[behaviour]
+    return build_actor(name, BODIES[model], start, motion=motion, trigger=trigger, action=action)
 
 
-def _build_action(behaviour: Behaviour) -> Action | None:
-    match behaviour:
-        case "start":
-            return None  # that of a trigger without action
-        case "brake":
-            return HardBrake()
-        case "change-left":
-            return LaneChange(direction="left")
-        case "change-right":
-            return LaneChange(direction="right")
-
-
-def build_walker(name: str, kind: KindName, points: Sequence[Point], speed: float, trigger: Trigger | None) -> Actor:
+def build_walker(name: str, model: str, points: Sequence[Point], speed: float, trigger: Trigger | None) -> Actor:
     """Return a pedestrian or cyclist that goes through points [m]: at once, or when triggered. Raises InputError."""
     if len(points) < 2:
         raise InputError(f"expected a start and a goal, found {len(points)} points")
-    path = tuple((round(float(x), 3), round(float(y), 3)) for x, y in points)
-    (x, y), (x1, y1) = path[:2]
-    length, width = WALKER_SIZES[kind]
-    return Actor(
-        id=name,
-        kind=kind,
-        model="adult" if kind == "pedestrian" else "bicycle",
-        length=length,
-        width=width,
-        start=_make_pose(x, y, portable.atan2(y1 - y, x1 - x)),
-        motion=PathMotion(points=path, speed=speed),
-        trigger=trigger,
-    )
+    if trigger is not None:
+        return build_crossing_actor(name, BODIES[model], points, speed, trigger)
+    poses = [build_pose(x, y, portable.atan2(y1 - y, x1 - x)) for (x, y), (x1, y1) in pairwise(points)]
+    return build_rider(name, BODIES[model], [*poses, build_pose(*points[-1], poses[-1].yaw)], speed)
 
 
-def build_parked_row(name: str, lane: Lane, between: tuple[float, float], model: str, side: RowSide) -> Iterator[Actor]:
+def build_row(name: str, lane: Lane, between: tuple[float, float], model: str, side: RowSide) -> Iterator[Actor]:
     """Yield parked vehicles beside a lane, from one arc length [m] to another, as many as fit. Raises InputError."""
-    body = find_class(model)
-    length, width = body.length, body.width
+    length = _get_length(model)
     begin, end = between
     if beside := lane.left if side == "left" else lane.right:
-        raise InputError(f"expected the edge of the road {side} of {lane.id}, found lane {beside}")
+        raise InputError(f"expected the edge of the road {side} of lane {lane.id}, found lane {beside}")
     if not 0.0 <= begin < end <= lane.centre.length + 1e-6:
         raise InputError(
-            f"expected a stretch within 0 and {lane.centre.length:.1f} m of lane {lane.id}, found"
-            f" {begin:.1f} to {end:.1f} m"
+            f"expected a stretch within 0 and {lane.centre.length:.1f} m of lane {lane.id}, found {begin:.1f} to"
+            f" {end:.1f} m"
         )
     count = int((end - begin + PARKING_GAP_M) / (length + PARKING_GAP_M))
     if count < 1:
         raise InputError(f"expected at least {length:g} m for one {model}, found {end - begin:.1f} m")
-    aside = (lane.width / 2 + KERB_GAP_M + width / 2) * (1.0 if side == "left" else -1.0)
+    aside = (lane.width / 2 + KERB_GAP_M + BODY_SIZES[model][1] / 2) * (1.0 if side == "left" else -1.0)
     for number in range(count):
-        s = begin + length / 2 + number * (length + PARKING_GAP_M)
-        (x, y), yaw = lane.centre.at(s), lane.centre.yaw_at(s)
-        pose = _make_pose(x - aside * portable.sin(yaw), y + aside * portable.cos(yaw), yaw)
-        yield Actor(
-            id=f"{name}.{number}", kind="vehicle", model=f"parked-{model}", length=length, width=width, start=pose,
-            motion=StandingMotion(),
-        )  # fmt: skip
+        pose = compute_lane_pose(lane, begin + length / 2 + number * (length + PARKING_GAP_M), aside)
+        yield build_parked_vehicle(f"{name}.{number}", model, pose, mirrored=False)
 
 
-def build_prop(name: str, model: str, pose: Pose) -> Actor:
-    """Return a static object. Raises InputError for a model that does not exist."""
+def build_prop(name: str, roads: RoadMap, model: str, at: Point, yaw: float | None) -> Actor:
+    """Return a static object at a point [m]; without a yaw [rad] it has that of the lane there. Raises InputError."""
     if model not in PROPS:
         raise InputError(f"model: {describe_unknown(model, PROPS)}")
-    prop = PROPS[model]
-    return Actor(id=name, kind=prop.kind, model=model, length=prop.length, width=prop.width, start=pose)
-
-
-def _make_pose(x: float, y: float, yaw: float) -> Pose:
-    return Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))
+    if yaw is None:
+        spot = match_point(roads, at)
+        yaw = roads.lanes[spot.lane].centre.yaw_at(spot.s)
+    return build_actor(name, BODIES[model], build_pose(*at, yaw))

@@ -13,26 +13,24 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario, SpeedRule, describe_first_error
-from mdrive_sumo.scenario.scenario_part import Pose
-from mdrive_sumo.scenario.scripted_actor import Actor, KindName, Trigger
+from mdrive_sumo.scenario.scripted_actor import Actor, Trigger
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.weather import WeatherName
-from mdrive_sumo.worlds.authoring.point_matching import match_point
 from mdrive_sumo.worlds.authoring.road_users import (
     CYCLING_SPEED,
     WALKING_SPEED,
     Behaviour,
     RowSide,
     VehicleModel,
-    build_cav,
-    build_parked_row,
     build_prop,
+    build_row,
     build_scripted_vehicle,
     build_traffic_vehicle,
     build_walker,
 )
 from mdrive_sumo.worlds.authoring.route_steps import Point, RouteSteps, build_route, check_lane
 from mdrive_sumo.worlds.authoring.suite_folder import save_in_suite
+from mdrive_sumo.worlds.placement.cavs import build_ego
 from mdrive_sumo.worlds.traffic import TrafficDemand, draw_traffic, find_demand
 
 BUCKET = "Own"
@@ -71,7 +69,8 @@ class ScenarioBuilder:
         """Add a CAV, which the agent under test drives. start_speed [m/s]; time_limit_s: None for the protocol's."""
         name = self._name("cav", id)
         with _Sentence(self.id, name):
-            self._egos.append(build_cav(name, build_route(self.roads, route), start_speed, time_limit_s))
+            ego = build_ego(name, build_route(self.roads, route), start_speed)
+            self._egos.append(Ego.model_validate({**dict(ego), "time_limit_s": time_limit_s}))
         return self._keep(name)
 
     def add_vehicle(
@@ -106,16 +105,18 @@ class ScenarioBuilder:
         self, *way: Point, id: str = "", speed: float = WALKING_SPEED, when: Trigger | None = None
     ) -> str:
         """Add a person who walks through points (x, y) [m], at once or `when` triggered."""
-        return self._add_walker("pedestrian", way, id, speed, when)
+        return self._add_walker("pedestrian", "adult", way, id, speed, when)
 
     def add_cyclist(self, *way: Point, id: str = "", speed: float = CYCLING_SPEED, when: Trigger | None = None) -> str:
         """Add a cyclist who rides through points (x, y) [m], at once or `when` triggered."""
-        return self._add_walker("cyclist", way, id, speed, when)
+        return self._add_walker("cyclist", "bicycle", way, id, speed, when)
 
-    def _add_walker(self, kind: KindName, way: Sequence[Point], id: str, speed: float, when: Trigger | None) -> str:
+    def _add_walker(
+        self, kind: str, model: str, way: Sequence[Point], id: str, speed: float, when: Trigger | None
+    ) -> str:
         name = self._name(kind, id)
         with _Sentence(self.id, name):
-            self._actors.append(build_walker(name, kind, way, speed, when))
+            self._actors.append(build_walker(name, model, way, speed, when))
         return self._keep(name)
 
     def add_parked_row(
@@ -127,18 +128,14 @@ class ScenarioBuilder:
             check_lane(self.roads, lane)
             beside = self.roads.lanes[lane]
             first, last = (s + beside.centre.length if s < 0 else s for s in (begin, end))
-            self._actors.extend(build_parked_row(name, beside, (first, last), model, side))
+            self._actors.extend(build_row(name, beside, (first, last), model, side))
         return self._keep(name)
 
     def add_prop(self, model: str, at: Point, id: str = "", *, yaw: float | None = None) -> str:
         """Add a static object of `scenario.props` at a point (x, y) [m]. yaw [rad]: None for that of the lane there."""
         name = self._name(model, id)
         with _Sentence(self.id, name):
-            x, y = at
-            if yaw is None:
-                spot = match_point(self.roads, at)
-                yaw = self.roads.lanes[spot.lane].centre.yaw_at(spot.s)
-            self._actors.append(build_prop(name, model, Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))))
+            self._actors.append(build_prop(name, self.roads, model, at, yaw))
         return self._keep(name)
 
     def add_rsu(self, at: Point, id: str = "", *, range_m: float = 80.0) -> str:
