@@ -7,7 +7,7 @@ machine borders; `schema()` publishes the same facts as data (`mdrive-sumo schem
 Frames: world frame of the network, metres, seconds, radians counter-clockwise from +x; a pose is the box centre.
 """
 
-from mdrive_sumo.contract.briefing import Briefing, StopSign, TrafficLight, VehicleFacts
+from mdrive_sumo.contract.briefing import Briefing, JunctionControl, JunctionKind, StopSign, TrafficLight, VehicleFacts
 from mdrive_sumo.contract.exchange import (
     DRIVER,
     EXCHANGE,
@@ -68,6 +68,8 @@ __all__ = [
     "TrackName",
     "join_sensing_tracks",
     "Briefing",
+    "JunctionControl",
+    "JunctionKind",
     "StopSign",
     "TrafficLight",
     "VehicleFacts",

@@ -1,7 +1,7 @@
 """Briefing: the static information that an agent gets before the first tick."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -55,6 +55,39 @@ class TrafficLight:
     """Arc length of its stop line along the route [m]."""
 
 
+JunctionKind = Literal[
+    "traffic-light",
+    "priority-road",
+    "yield",
+    "stop",
+    "all-way-stop",
+    "right-before-left",
+    "left-before-right",
+    "roundabout",
+    "zipper",
+    "uncontrolled",
+]
+"""What tells a driver who gives way at a junction."""
+
+
+@dataclass(frozen=True, slots=True)
+class JunctionControl:
+    """A junction on the route, and who gives way there, as its signs, lights and rules tell a driver on this approach.
+
+    On a `priority-road` the others give way, but who turns left still gives way to oncoming traffic. At a `yield` or
+    `stop` sign the CAV gives way; at an `all-way-stop` all stop and drive on in the order of their arrival. Vehicles
+    from the right go first by `right-before-left`, those in the ring at a `roundabout`. At a `zipper` two lanes become
+    one, and their vehicles merge in turn. Nothing tells anything at an `uncontrolled` junction.
+    """
+
+    kind: JunctionKind
+    """Of the approach on which the route enters."""
+    entry_s: float
+    """Arc length [m] along the route at which it enters the junction; of a roundabout: the ring."""
+    exit_s: float
+    """Arc length [m] along the route at which it leaves the junction or ring; its end, if that lies in there."""
+
+
 @dataclass(frozen=True, slots=True)
 class Briefing(DeferredField):
     """All that an agent is told before the first tick."""
@@ -86,6 +119,8 @@ class Briefing(DeferredField):
     """On the route, in its order."""
     traffic_lights: tuple[TrafficLight, ...] = ()
     """On the route, in its order."""
+    junctions: tuple[JunctionControl, ...] = ()
+    """At which ways of cars cross or merge, in the order of the route. A route that begins in one has entry_s 0."""
     route_room: Float = field(default_factory=lambda: np.zeros((0, 2)))
     """(N, 2) free width [m] to the left and to the right of each route point across the assigned lane: up to the edge
     of all lanes and junctions together, oncoming lanes included, at most 10 m. No rows if it was not measured."""

@@ -6,7 +6,7 @@ import re
 import sys
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from itertools import chain
@@ -18,9 +18,11 @@ from xml.sax import SAXException
 import numpy as np
 import shapely
 
+from mdrive_sumo.contract.briefing import JunctionKind
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, build_polyline
 from mdrive_sumo.core.input_files import open_regular
+from mdrive_sumo.roads.junction_controls import find_junction_controls, find_roundabout_edges
 from mdrive_sumo.roads.lane_search import LineSegments, build_line_segments, find_nearest_lines
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
@@ -102,6 +104,10 @@ class RoadMap:
     """Asphalt beyond the lanes, for pictures."""
     log_origin: tuple[float, float] = (0.0, 0.0)
     """Origin of a converted log that was shifted, in the frame of the log [m]."""
+    junction_controls: Mapping[str, JunctionKind] = field(default_factory=dict[str, JunctionKind])
+    """What controls the way into a junction, by id of the first lane inside it; see `find_junction_controls`."""
+    roundabout_edges: frozenset[str] = frozenset()
+    """Ids of the edges of roundabouts."""
     parking: tuple[ParkingRow, ...] = ()
     """Where parked vehicles may stand."""
     bus_stops: tuple[BusStop, ...] = ()
@@ -232,6 +238,8 @@ def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: boo
         ),
         drivable_areas=about.drivable_areas,
         log_origin=about.log_origin or (0.0, 0.0),
+        junction_controls=find_junction_controls(net, cars, {sign.lane for sign in about.stop_signs or ()}),
+        roundabout_edges=find_roundabout_edges(net),
         parking=about.parking,
         bus_stops=about.bus_stops,
         yield_signs=about.yield_signs,

@@ -16,6 +16,7 @@ from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.sensing.route_junctions import find_junctions
 
 
 def build_briefing(
@@ -45,6 +46,7 @@ def build_briefing(
         route_speed_limit=np.array([lane.speed_limit for lane in lanes]),
         stop_signs=tuple(StopSign(s) for s in _find_stop_signs(ego, roads, route)),
         traffic_lights=tuple(_find_traffic_lights(ego, roads, route)),
+        junctions=tuple(find_junctions(ego.lanes, roads, route)),
         standard_detector=standard_detector,
         desired_speed=desired_speed,
     )

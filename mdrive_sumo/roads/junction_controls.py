@@ -1,0 +1,88 @@
+"""Who gives way where: what the signs, lights and rules of a junction tell the driver of each approach."""
+
+# pyright: basic
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any
+
+from mdrive_sumo.contract.briefing import JunctionKind
+
+RULE_BY_TYPE: Mapping[str, JunctionKind] = {
+    "allway_stop": "all-way-stop",
+    "right_before_left": "right-before-left",
+    "left_before_right": "left-before-right",
+    "unregulated": "uncontrolled",
+}
+"""SUMO's types of nodes whose rule is the same for all approaches."""
+PRIORITY, STOP, ZIPPER = "M", "s", "Z"
+"""States of connections in a net: those that others give way to, those behind a stop sign, lanes that merge in turn."""
+
+
+def find_junction_controls(net: Any, cars: Collection[str], signed: Collection[str]) -> Mapping[str, JunctionKind]:
+    """Return what controls the way into a junction, by id of the first lane inside it.
+
+    net: of sumolib, with connections and foes. cars: ids of lanes that cars may use. signed: ids of lanes with a stop
+    sign. Junctions at which the ways of cars neither cross nor merge have none.
+    """
+    rings = find_roundabout_edges(net)
+    return {
+        via: kind
+        for node in net.getNodes()
+        for edge in node.getIncoming()
+        for via, kind in _find_controls(node, edge, cars, signed, rings)
+    }
+
+
+def find_roundabout_edges(net: Any) -> frozenset[str]:
+    """Return the ids of the edges of roundabouts."""
+    return frozenset(edge for ring in net.getRoundabouts() for edge in ring.getEdges())
+
+
+def _find_controls(
+    node: Any, edge: Any, cars: Collection[str], signed: Collection[str], rings: Collection[str]
+) -> Iterator[tuple[str, JunctionKind]]:
+    """Yield the ways from an approach into a junction with their control."""
+    ways = [way for lane in edge.getLanes() for way in lane.getOutgoing() if way.getViaLaneID() in cars]
+    conflicts = _count_conflicts(node, cars)
+    no_rules = node.getType() == "unregulated" and len(node.getIncoming()) > 1  # whose nets list no conflicts
+    rule = _find_rule(
+        node, [way for way in ways if no_rules or conflicts.get(way.getViaLaneID()) or way.getState() == ZIPPER]
+    )
+    has_sign = any(lane.getID() in signed for lane in edge.getLanes())
+    for way in ways:
+        if way.getTLSID():
+            yield way.getViaLaneID(), "traffic-light"
+        elif edge.getID() not in rings and way.getTo().getID() in rings:
+            yield way.getViaLaneID(), "roundabout"
+        elif rule is not None:
+            yield way.getViaLaneID(), "stop" if has_sign and rule != "all-way-stop" else rule
+
+
+def _find_rule(node: Any, ways: Sequence[Any]) -> JunctionKind | None:
+    """Return the rule of an approach from its ways that others cross or join; None if there are none.
+
+    The left turn from a main road gives way to those who come towards it: its driver still sees the priority road.
+    """
+    if not ways:
+        return None
+    states = {way.getState() for way in ways}
+    if node.getType() in RULE_BY_TYPE:
+        return RULE_BY_TYPE[node.getType()]
+    if ZIPPER in states or node.getType() == "zipper":
+        return "zipper"
+    if PRIORITY in states:
+        return "priority-road"
+    return "stop" if STOP in states else "yield"
+
+
+def _count_conflicts(node: Any, cars: Collection[str]) -> Mapping[str, int]:
+    """Return how many ways from other approaches cross or join each way, by id of its first lane in the junction."""
+    if not node.hasFoes():
+        return {}
+    ways = [(way, node.getLinkIndex(way)) for way in node.getConnections() if way.getViaLaneID() in cars]
+    return {
+        way.getViaLaneID(): sum(
+            node.areFoes(index, other) for there, other in ways if other >= 0 and there.getFrom() is not way.getFrom()
+        )
+        for way, index in ways
+        if index >= 0
+    }
