@@ -1,7 +1,7 @@
 """The contract as data, for `mdrive-sumo schema contract`."""
 
 from dataclasses import fields, is_dataclass
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_type_hints
 
 import numpy as np
 
@@ -37,6 +37,8 @@ def _type_name(hint: Any, queue: list[type]) -> str:
     arguments: tuple[Any, ...] = getattr(hint, "__args__", ())
     if getattr(hint, "__origin__", None) is np.ndarray:
         return f"array[{arguments[1].__args__[0].__name__}]"
+    if getattr(hint, "__origin__", None) is Literal:
+        return " | ".join(f'"{value}"' for value in arguments)
     if arguments:
         names = [_type_name(a, queue) for a in arguments if a is not Ellipsis]
         origin = getattr(hint, "__origin__", None)
