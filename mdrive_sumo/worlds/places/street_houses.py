@@ -1,4 +1,4 @@
-"""Houses along the streets of a training network: rows with gaps, at a given distance from the road."""
+"""Rows of houses along the streets of a draft: with gaps, at a given distance from the road."""
 
 import random
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ class HouseRows:
 
 def add_houses(draft: NetworkDraft, rows: HouseRows, rng: random.Random) -> None:
     """Add houses that overlap neither the road nor each other."""
-    road = shapely.union_all([_build_surface(draft, street) for street in draft.streets])
+    road = shapely.union_all([build_surface(draft, street) for street in draft.streets])
     built: list[shapely.Polygon] = []
     for street in draft.streets:
         for side in (1, -1):
@@ -42,21 +42,22 @@ def add_houses(draft: NetworkDraft, rows: HouseRows, rng: random.Random) -> None
                     draft.buildings.append(outline)
 
 
-def _half_widths(draft: NetworkDraft, street: Street) -> tuple[float, float]:
+def measure_half_widths(draft: NetworkDraft, street: Street) -> tuple[float, float]:
     """Return the distance [m] from the line to the edge of the road on its left and on its right."""
     forward, backward = street.lanes
     if street.centred:
-        half = max(forward, backward) * draft.lane_m / 2 + street.sidewalk_m
+        half = max(forward, backward) * draft.lane_m / 2 + street.beside_m
         return half, half
     return (
-        (backward * draft.lane_m + street.sidewalk_m) if backward else 0.5,
-        (forward * draft.lane_m + street.sidewalk_m) if forward else 0.5,
+        (backward * draft.lane_m + street.beside_m) if backward else 0.5,
+        (forward * draft.lane_m + street.beside_m) if forward else 0.5,
     )
 
 
-def _build_surface(draft: NetworkDraft, street: Street) -> shapely.Geometry:
+def build_surface(draft: NetworkDraft, street: Street) -> shapely.Geometry:
+    """Return the area of a street with what lies beside its lanes, rounded at its ends."""
     line = shapely.LineString(street.line)
-    left, right = _half_widths(draft, street)
+    left, right = measure_half_widths(draft, street)
     sides = [line.buffer(left, single_sided=True), line.buffer(-right, single_sided=True)]
     ends = [shapely.Point(end).buffer(max(left, right)) for end in (street.line[0], street.line[-1])]
     return shapely.union_all([*sides, *ends])
@@ -65,17 +66,17 @@ def _build_surface(draft: NetworkDraft, street: Street) -> shapely.Geometry:
 def _draw_row(draft: NetworkDraft, street: Street, side: int, rows: HouseRows, rng: random.Random) -> Iterator[Float]:
     """Return the outlines of one row; its houses may overlap others."""
     line = shapely.LineString(street.line)
-    half = _half_widths(draft, street)[0 if side > 0 else 1]
+    half = measure_half_widths(draft, street)[0 if side > 0 else 1]
     station = rng.uniform(*rows.gap_m)
     while station < line.length - 6.0:
         length, depth = rng.uniform(*rows.size_m), rng.uniform(*rows.depth_m)
         if rng.random() < rows.share:
             near = half + rng.uniform(*rows.setback_m)
-            yield _build_house(line, (station, min(length, line.length - station)), side * near, side * (near + depth))
+            yield build_house(line, (station, min(length, line.length - station)), side * near, side * (near + depth))
         station += length + rng.uniform(*rows.gap_m)
 
 
-def _build_house(line: shapely.LineString, along: tuple[float, float], near: float, far: float) -> Float:
+def build_house(line: shapely.LineString, along: tuple[float, float], near: float, far: float) -> Float:
     """Return the rectangle beside the line; the signs of `near` and `far` [m] say on which side (left is positive)."""
     a, b = line.interpolate(along[0]), line.interpolate(along[0] + along[1])
     yaw = portable.atan2(b.y - a.y, b.x - a.x)

@@ -1,0 +1,99 @@
+"""Put buildings, hedges, walls and trees along the streets of a draft, by the rules of its surroundings."""
+
+import random
+from collections.abc import Sequence
+
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.worlds.places.network_draft import NetworkDraft, Street
+from mdrive_sumo.worlds.places.street_houses import HouseRows, build_house, build_surface, measure_half_widths
+from mdrive_sumo.worlds.places.surroundings import Surroundings
+from mdrive_sumo.worlds.places.waiting_areas import build_waiting_areas
+
+SHORTER = (1.0, 0.75, 0.5)
+"""Shares of the length that a building has where the whole of it does not fit."""
+STEP_M = 3.0
+"""[m] By so much a building that does not fit moves along its street."""
+APART_M = 0.4
+"""[m] Least distance between two things."""
+LEAST_M = 5.0
+"""[m] Length of a building that is not shortened any more."""
+
+
+def add_surroundings(
+    draft: NetworkDraft, surroundings: Surroundings, keep_free: Sequence[BaseGeometry], rng: random.Random
+) -> None:
+    """Add what stands along the streets: nothing on roads, pavements or `keep_free`, nothing on each other."""
+    blocked = [_build_road(draft), *keep_free]
+    for kind, rows in ((row.kind, row.rows) for row in surroundings.rows):
+        for street in draft.streets:
+            for side in (1, -1):
+                if measure_half_widths(draft, street)[0 if side > 0 else 1] > 1.0:  # the side has lanes
+                    _add_row(draft, street, side, (kind, rows), blocked, rng)
+
+
+def _build_road(draft: NetworkDraft) -> BaseGeometry:
+    """Return the area of all streets with the rounded corners of junctions, and of car parks."""
+    road = shapely.union_all([build_surface(draft, street) for street in draft.streets])
+    corner_m = max((node.radius for node in draft.nodes if node.type), default=5.0) + 1.0
+    areas = [shapely.Polygon(area).buffer(0.3) for area in draft.paved_areas]
+    rounded = shapely.union_all([road, *areas]).buffer(corner_m, quad_segs=4).buffer(-corner_m, quad_segs=4)
+    return shapely.union_all([rounded, road, *build_waiting_areas(draft)])
+
+
+def _add_row(
+    draft: NetworkDraft,
+    street: Street,
+    side: int,
+    row: tuple[str, HouseRows],
+    blocked: list[BaseGeometry],
+    rng: random.Random,
+) -> None:
+    """Add the row on one side of a street, and what it takes to `blocked`."""
+    kind, rows = row
+    line = shapely.LineString(street.line)
+    half = measure_half_widths(draft, street)[0 if side > 0 else 1]
+    apart_m = max(rows.setback_m[0] - 0.1, APART_M) if kind == "house" else APART_M
+    road, *others = blocked
+    obstacles = shapely.union_all([road.buffer(apart_m, quad_segs=4), *(other.buffer(APART_M, 1) for other in others)])
+    shapely.prepare(obstacles)
+    built: list[BaseGeometry] = []
+    station = rng.uniform(0.0, rows.gap_m[1] / 2)
+    while station < line.length - 1.0:
+        length, depth = rng.uniform(*rows.size_m), rng.uniform(*rows.depth_m)
+        near, is_built = half + rng.uniform(*rows.setback_m), rng.random() < rows.share
+        last = station + length
+        while is_built and station < last:
+            outline = _fit_outline(line, (station, length), (side * near, side * (near + depth)), obstacles, built)
+            if outline is not None:
+                built.append(shapely.Polygon(outline))
+                if kind == "house":
+                    draft.buildings.append(outline)
+                else:
+                    draft.obstacles.append((kind, outline))
+                break
+            station += STEP_M
+        station += length + rng.uniform(*rows.gap_m)
+    blocked.extend(built)
+
+
+def _fit_outline(
+    line: shapely.LineString,
+    along: tuple[float, float],
+    across: tuple[float, float],
+    obstacles: BaseGeometry,
+    built: Sequence[BaseGeometry],
+) -> Float | None:
+    """Return the outline of the longest part of a building that touches nothing, or None."""
+    station, length = along
+    for share in SHORTER:
+        part = length * share
+        if station + part > line.length or (share < 1.0 and part < LEAST_M):
+            continue
+        outline = build_house(line, (station, part), *across)
+        shape = shapely.Polygon(outline)
+        if not shape.intersects(obstacles) and all(shape.distance(other) >= APART_M for other in built):
+            return outline
+    return None
