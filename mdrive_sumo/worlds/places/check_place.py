@@ -118,7 +118,7 @@ def _build_strip(lane: Lane) -> shapely.Geometry:
 
 
 def _check_sight(roads: RoadMap) -> Iterator[str]:
-    """Find obstacles in sight triangles: between who gives way at a sign, or to the right, and who has priority."""
+    """Find obstacles in sight triangles: from a lane that gives way, by sign or to the right, to one with priority."""
     if not roads.buildings or not _keeps_sight(roads):
         return
     tree = shapely.STRtree(roads.building_shapes)

@@ -1,4 +1,4 @@
-"""Rules of junctions: types for netconvert, signs, signal programs, and who needs to see whom."""
+"""Rules of junctions: types for netconvert, signs, signal programs, and where drivers need to see each other."""
 
 from collections.abc import Mapping, Sequence
 
@@ -55,7 +55,7 @@ def list_signal_arguments(program: str, speed_kmh: float) -> tuple[str, ...]:
 
 
 def build_junction_sight(arms: Sequence[Arm], main: Sequence[str], control: str, lane_m: float) -> list[BaseGeometry]:
-    """Return the areas that stay free of what blocks sight; none where nobody needs to look: signals, all-way stop."""
+    """Return the areas that stay free of what blocks sight; none at signals and all-way stops."""
     if control in ("signals", "all_way_stop"):
         return []
     is_equal = control == "right_before_left"
