@@ -158,7 +158,7 @@ def _draw_arms(parameters: CrossingParameters, rng: random.Random) -> list[Arm]:
         line = trace_line((0.0, 0.0), heading, draw_arm(rng, length_m, parameters.bend))
         arms.append(
             Arm(
-                f"arm_{k + 1}",
+                f"arm{k + 1}",
                 line,
                 parameters.main_lanes if is_main else parameters.side_lanes,
                 round((parameters.speed_kmh if is_main else min(parameters.speed_kmh, 50)) / 3.6, 2),
