@@ -42,8 +42,8 @@ def test_a_packaged_network_is_a_place_by_its_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "parameters", "expected"),
     [
-        ("crosing", {}, "place: expected one of crossing, .*did you mean 'crossing'"),
-        ("crossing", {"arm": 3}, "parameter of place 'crossing': expected one of arms, .*did you mean 'arms'"),
+        ("crosing", {}, "place: expected one of .*did you mean 'crossing'"),
+        ("crossing", {"arm": 3}, "parameter of place 'crossing': expected one of area, arms, .*did you mean 'arms'"),
         ("crossing", {"arms": 7}, "parameter 'arms' of place 'crossing': expected 3, 4, 5, found 7"),
         ("crossing", {"arms": True}, "expected 3, 4, 5, found True"),
         ("town_crossing", {"arms": 3}, "expected no parameters for a packaged network, found 'arms'"),
