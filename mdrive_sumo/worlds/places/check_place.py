@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from mdrive_sumo.core.geometry import Float, wrap_angle
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.portable import square
 from mdrive_sumo.roads import Lane, RoadMap
@@ -23,10 +23,13 @@ BEND_WINDOW_M = 3
 """[m] Over which a bend is measured: half of a car."""
 ON_ROAD_M2 = 0.01
 """[m²] Smaller overlaps of a building and a road are rounding to 0.1 m."""
-ROUNDING_M = 0.5
-"""[m] Left out of sight lines at both ends: netconvert places stop lines by its own rules."""
-EYE_SEARCH_M = 20.0
+ROUNDING_M = 3.0
+"""[m] Left out of sight lines at their far end: netconvert places stop lines, from which legs are measured, by its own
+rules."""
+EYE_SEARCH_M = 30.0
 """[m] Beyond the stop line, which netconvert places where the rounding of the corner begins."""
+POSTS = "tree"
+"""Trunks may stand in sight triangles, as lamp posts may (RASt 06, 6.3.9.3): they hide no vehicle for long."""
 PLACE_FILE = "place.json"
 
 
@@ -121,34 +124,29 @@ def _check_sight(roads: RoadMap) -> Iterator[str]:
     """Find obstacles in sight triangles: from a lane that gives way, by sign or to the right, to one with priority."""
     if not roads.buildings or not _keeps_sight(roads):
         return
-    tree = shapely.STRtree(roads.building_shapes)
+    walls = [building for building in roads.buildings if not building.id.startswith(POSTS)]
+    tree = shapely.STRtree([shapely.Polygon(wall.polygon) for wall in walls])
     for waiting, other in _list_conflicts(roads):
         eye = _find_eye(roads, waiting, other)
         to_crossing_m = float(np.sqrt((square(eye - other.centre.xy[-1])).sum()))  # the leg begins where roads cross
         leg_m = compute_leg(other.speed_limit) - to_crossing_m
-        stations = np.arange(ROUNDING_M, min(leg_m, other.centre.length) - ROUNDING_M, 5.0)
+        stations = np.arange(0.5, min(leg_m, other.centre.length) - ROUNDING_M, 5.0)
         line = shapely.LineString(other.centre.xy[::-1])
         for point in shapely.get_coordinates(line.interpolate(stations)):
             hit = tree.query(shapely.LineString((eye, point)), predicate="intersects")
             if len(hit):
-                yield f"building {roads.buildings[int(hit[0])].id}: hides {other.id} from {waiting.id}"
+                yield f"building {walls[int(hit[0])].id}: hides {other.id} from {waiting.id}"
                 break
 
 
 def _find_eye(roads: RoadMap, waiting: Lane, other: Lane) -> Float:
     """Return where the eyes of a driver who waits are: straight on from the stop line, 3 m from the road of `other`."""
     beside = [lane for lane in roads.driving if lane.edge == other.edge]
-    inside = [min(ways, key=_measure_turn) for lane in beside if (ways := [roads.lanes[n] for n in lane.successors])]
-    road = shapely.union_all([_build_strip(lane) for lane in (*beside, *inside)])
+    onward = other.centre.xy[-1] + EYE_SEARCH_M * _get_direction(other)
+    road = shapely.LineString((other.centre.xy[-1], onward)).buffer(sum(lane.width for lane in beside) / 2)
     end, ahead = waiting.centre.xy[-1], _get_direction(waiting)
     points = (end + ahead * station for station in np.arange(0.0, EYE_SEARCH_M, 0.5))
     return next((point for point in points if road.distance(shapely.Point(point)) <= EYE_M), end)
-
-
-def _measure_turn(lane: Lane) -> float:
-    """Return the angle [rad] between begin and end of a lane."""
-    yaws = lane.centre.yaws
-    return abs(wrap_angle(float(yaws[-1] - yaws[0])))
 
 
 def _keeps_sight(roads: RoadMap) -> bool:

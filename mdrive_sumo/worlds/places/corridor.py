@@ -140,7 +140,7 @@ def _draw_junction(parameters: CorridorParameters, axis: Polyline, k: int, stati
         )
     names = [arm.id for arm in arms]
     zebras = ("before", "after", *names) if has_signals else tuple(name for name in names if rng.random() < 0.4)
-    return Joint(f"junction_{k}", station, type_, rng.uniform(5.0, 8.0), tuple(arms), zebras)
+    return Joint(f"junction_{k}", station, type_, rng.uniform(7.0, 8.5), tuple(arms), zebras)
 
 
 def _draw_control(parameters: CorridorParameters, has_signals: bool, rng: random.Random) -> tuple[str, str]:

@@ -22,6 +22,8 @@ RURAL_SIGHT_M = 200.0
 """[m] Its length at 80 km/h and more (RAL 2012, section 6.6.3: 200 m at 100 km/h); chosen for all of them."""
 EYE_SETBACK_M = 3.0
 """[m] From the edge of the road with priority to the eyes of a driver who waits at it (RASt 06, there)."""
+SIGHT_MARGIN_M = 2.0
+"""[m] Beside the lines of sight to the axis: half of a lane, since vehicles do not drive on the axis."""
 LEAST_HOUSE_M = 5.0
 LEAST_AREA_M2 = 0.05
 CLEARANCE_M = 0.3
@@ -129,7 +131,7 @@ def list_sight_triangles(spine: Spine, limit_kmh: float) -> Iterator[BaseGeometr
             inward = spine.arms[arm.id][0]
             eye = find_point(inward.line, inward.line.length - half - EYE_SETBACK_M, -arm.half.lane_m / 2)
             for way in ways:
-                yield shapely.make_valid(shapely.Polygon([eye, *way.xy.tolist()]))
+                yield shapely.make_valid(shapely.Polygon([eye, *way.xy.tolist()])).buffer(SIGHT_MARGIN_M)
 
 
 def _list_surfaces(draft: NetworkDraft) -> Iterator[BaseGeometry]:

@@ -90,7 +90,7 @@ class Joint:
     id: str
     station: float
     type: str = "priority"
-    radius: float = 6.0
+    radius: float = 6.5
     arms: tuple[SideArm, ...] = ()
     zebras: tuple[str, ...] = ()
     """Which ways a zebra crossing leads across: "before", "after" (the main street) and ids of arms."""
