@@ -21,7 +21,7 @@ from mdrive_sumo.worlds.places import Place, check_place, draw_place, write_plac
 from mdrive_sumo.worlds.places.alignment import compute_least_radius, draw_bends, trace_axis
 
 GOLDEN = {
-    "corridor": "24eafd98981a981b",
+    "corridor": "9af4e0dc998cc9d1",
     "lane_drop": "f93687b99f587466",
     "motorway_exit": "b64ab8298c3f0a9a",
     "motorway_merge": "542fe39e03d2ad3d",
