@@ -15,6 +15,8 @@ from mdrive_sumo.worlds.places.sight_triangles import EYE_M, compute_leg
 
 LEAST_LANE_M = 6.0
 """[m] Shorter lanes outside junctions are too short for a car to stand on."""
+LEAST_MERGE_M = 60.0
+"""[m] Length of a lane that ends, such as an acceleration lane; chosen: four seconds at 50 km/h."""
 LEAST_WAY_M = 80.0
 """[m] Least length of the longest way from each entry: ten seconds at 8 m/s, the speed of CAVs in the protocol."""
 LEAST_RADIUS_M = 5.5
@@ -45,14 +47,14 @@ def check_place(roads: RoadMap) -> list[str]:
 
 
 def _check_lanes(roads: RoadMap) -> Iterator[str]:
-    """Find lanes that are too short, and lanes that end where the next lane of their edge goes on."""
+    """Find lanes that are too short, and lanes that end too soon."""
     streets = [lane for lane in roads.driving if not lane.junction]
     goes_on = {lane.edge for lane in streets if lane.successors}
     for lane in streets:
         if lane.centre.length < LEAST_LANE_M:
             yield f"lane {lane.id}: {lane.centre.length:.1f} m long, expected {LEAST_LANE_M:g} m or more"
-        if lane.edge in goes_on and not lane.successors:
-            yield f"lane {lane.id}: leads nowhere, while its edge goes on"
+        if lane.edge in goes_on and not lane.successors and lane.centre.length < LEAST_MERGE_M:
+            yield f"lane {lane.id}: ends while its edge goes on, expected {LEAST_MERGE_M:g} m to leave it"
 
 
 def _check_ways(roads: RoadMap) -> Iterator[str]:
