@@ -21,6 +21,7 @@ PARTS = {"tools.docs_site", "tools.seed_runs", "tools.tool_command"}
 """Modules of tools that are no commands."""
 COMMANDS = sorted({*MODULES} - PARTS)
 WITHOUT_DRY_RUN = {
+    "tools.draw_world_sheets",
     *("tools.compare_platforms", "tools.detector_calibration", "tools.draw_camera_pictures"),
     "tools.sample_episodes",
 }
