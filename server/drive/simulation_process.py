@@ -16,6 +16,7 @@ gone. Nothing is lost then: `open` with the same folder continues the drive.
 import asyncio
 import os
 import pickle
+import signal
 import socket
 import sys
 from collections.abc import AsyncIterator, Mapping, Sequence
@@ -53,6 +54,11 @@ __all__ = [
 WORKER_MODULE = "server.drive.worker"
 END_LIMIT_S = 5.0
 """How long the process may take to end after its connection is closed [s], before it is killed."""
+PING_EVERY_S = 5.0
+"""Time between two questions whether the process still answers [s]."""
+PING_LIMIT_S, PING_TRIES = 10.0, 2
+"""It hangs if it does not answer for so long [s], so many times: then it is ended, as if it had crashed. It simulates
+nothing itself, and answers within a tick."""
 
 
 class SimulationEnded(MdriveError):
@@ -66,6 +72,7 @@ class SimulationProcess:
         self._process: asyncio.subprocess.Process | None = None
         self._writer: asyncio.StreamWriter | None = None
         self._reading: asyncio.Task[None] | None = None
+        self._watching: asyncio.Task[None] | None = None
         self._answers: dict[int, asyncio.Future[Any]] = {}
         self._events: asyncio.Queue[Event | None] = asyncio.Queue()
         self._calls = 0
@@ -100,6 +107,27 @@ class SimulationProcess:
         except BaseException:
             await self._end()
             raise
+        self._watching = asyncio.create_task(self._watch())
+
+    async def _watch(self) -> None:
+        """End the process if it no longer answers; what follows is that of a process that has ended."""
+        failed = 0
+        while failed < PING_TRIES:
+            await asyncio.sleep(0.0 if failed else PING_EVERY_S)
+            try:
+                await asyncio.wait_for(self._call("ping"), PING_LIMIT_S)
+                failed = 0
+            except TimeoutError:
+                failed += 1
+            except SimulationEnded:
+                return
+        self._kill()
+
+    def _kill(self) -> None:
+        """Kill all processes of the drive: they are a group of their own."""
+        if self._process is not None:
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
 
     @property
     def is_open(self) -> bool:
@@ -231,11 +259,13 @@ class SimulationProcess:
             try:
                 await asyncio.wait_for(self._process.wait(), END_LIMIT_S)
             except TimeoutError:
-                self._process.kill()
+                self._kill()
                 await self._process.wait()
         if self._reading is not None:
             await self._reading
-        self._process = self._writer = self._reading = None
+        if self._watching is not None:
+            self._watching.cancel()
+        self._process = self._writer = self._reading = self._watching = None
 
     def _send(self, message: object) -> None:
         if self._writer is None or self._reading is None or self._reading.done():

@@ -13,6 +13,9 @@ from mdrive_sumo.episode.episode_options import EpisodeOptions
 from server.drive.protocol import FrameState
 from server.drive.take_tree import TakeTree
 
+TICK_LIMIT_S = 10.0
+"""Chosen: 200 ticks late is no loaded machine, and people do not wait longer before they reload the page."""
+
 
 @dataclass(frozen=True, slots=True)
 class DriveSetup:
@@ -46,6 +49,8 @@ class DriveSetup:
     """Simulated time between two checkpoints [s]; 0: none."""
     speed_up: float = 1.0
     """How many times faster than real time the clock runs at most: for drivers that are programs. People have 1."""
+    tick_limit_s: float = TICK_LIMIT_S
+    """Time without a tick while the clock runs [s] after which the process of the live take is ended: it hangs."""
     weather: str = ""
     """Weather of the scene that is shown; "": that of the scenario. It changes no simulation."""
 

@@ -55,6 +55,10 @@ class CheckpointLadder:
             return False
         return True
 
+    def drop(self, key: tuple[int, int]) -> None:
+        """End a checkpoint, if it is still there."""
+        self._end(key)
+
     def drop_take(self, take: int) -> None:
         """End the checkpoints of a take that has not come about."""
         for key in [key for key in self._sockets if key[0] == take]:

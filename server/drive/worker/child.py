@@ -1,6 +1,8 @@
 """Child and ChildProcesses: the processes of a drive as its supervisor sees them, and their checkpoints."""
 
 import os
+import select
+import signal
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -8,6 +10,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum, auto
 
 from server.drive.message_socket import MessageSocket
+from server.drive.simulation_values import DriveFrame
 from server.drive.worker.checkpoint_ladder import CheckpointLadder, Line
 from server.drive.worker.drive_context import DriveContext
 from server.drive.worker.orders import TakeOrder
@@ -40,13 +43,35 @@ class Child:
     calls: dict[int, str] = field(default_factory=dict[int, str])
     """Names of the server's calls that it has to answer, by number."""
 
-    tick: int = 0
-    """Of its last frame."""
+    process: int = 0
+    """Its number; 0: it has not said it yet."""
+    checkpoint: tuple[int, int] | None = None
+    """The checkpoint from which it was forked: its take and tick."""
+    frame: DriveFrame | None = None
+    """Its last one."""
+    silent_s: float = 0.0
+    """For how long it has owed a message [s]."""
 
     @property
     def take(self) -> int:
         """The take that it simulates; 0: none."""
         return self.order.header.take if self.order is not None else 0
+
+    @property
+    def tick(self) -> int:
+        """The tick of its last frame."""
+        return self.frame.tick if self.frame is not None else 0
+
+    def tell_if_ready(self, message: object) -> None:
+        """Send a message that may be lost; it does not wait for a process that does not read."""
+        if select.select([], [self.connection], [], 0.0)[1]:
+            self.tell(message)
+
+    def end(self) -> None:
+        """End the process at once."""
+        if self.process:
+            with suppress(ProcessLookupError):
+                os.kill(self.process, signal.SIGKILL)
 
     def tell(self, message: object) -> None:
         """Send a message; one to a process that has just ended is lost, and the end of its connection tells so."""
@@ -73,7 +98,7 @@ class ChildProcesses:
             ours, theirs = socket.socketpair()
             with theirs:
                 if self.ladder.send(key, order, theirs.fileno()):
-                    return self._add(Child(MessageSocket(ours), role, order))
+                    return self._add(Child(MessageSocket(ours), role, order, checkpoint=key))
             ours.close()
 
         def run(connection: MessageSocket) -> None:
@@ -89,6 +114,12 @@ class ChildProcesses:
         """Forget a process that has ended."""
         self._children.remove(child)
         child.connection.close()
+
+    def end(self, child: Child) -> None:
+        """End a process that no longer answers, or the checkpoint that should have forked it."""
+        child.end()
+        if not child.process and child.checkpoint is not None:
+            self.ladder.drop(child.checkpoint)
 
     def count(self, *roles: ChildRole) -> int:
         """Return how many processes have one of these roles."""

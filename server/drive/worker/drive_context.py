@@ -37,6 +37,8 @@ from server.drive.worker.take_actions import EnteredRun
 
 MAX_CHECKPOINT_S = 60.0
 """Longest time between two checkpoints [s]: an episode."""
+MAX_TICK_LIMIT_S = 3600.0
+"""An hour: whoever waits so long for a tick has gone."""
 MAX_SPEED_UP = 1000.0
 """More than any machine computes."""
 
@@ -212,6 +214,8 @@ def _check_setup(setup: DriveSetup) -> None:
         raise InputError(f"agent clock: expected ideal, found {setup.options.clock.text}: people take their own time")
     if not 1.0 <= setup.speed_up <= MAX_SPEED_UP:
         raise InputError(f"speed_up: expected 1 to {MAX_SPEED_UP:g}, found {setup.speed_up!r}")
+    if not 0 < setup.tick_limit_s <= MAX_TICK_LIMIT_S:
+        raise InputError(f"tick_limit_s: expected up to {MAX_TICK_LIMIT_S:g} s, found {setup.tick_limit_s!r}")
     if not 0 <= setup.checkpoint_s <= MAX_CHECKPOINT_S:
         raise InputError(f"checkpoint_s: expected 0 to {MAX_CHECKPOINT_S:g} s, found {setup.checkpoint_s!r}")
 

@@ -92,6 +92,14 @@ def make_order(
 
 
 @dataclass(frozen=True, slots=True)
+class TakeAlive:
+    """A process that simulates a take works: said at its start, and every second while it owes no frames."""
+
+    process: int
+    """Its number."""
+
+
+@dataclass(frozen=True, slots=True)
 class CheckpointMade:
     """A checkpoint waits; its socket comes with the message."""
 

@@ -9,6 +9,7 @@ import gc
 import pickle
 import select
 import socket
+import time
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.runs.process_pool import count_available_cores
 from server.drive.message_socket import MessageSocket
+from server.drive.protocol import FrameState
 from server.drive.simulation_values import (
     CallAnswer,
     DriveCall,
@@ -36,6 +38,7 @@ from server.drive.worker.orders import (
     CheckpointMade,
     LeaveOrder,
     Provenance,
+    TakeAlive,
     TakeDropped,
     TakeFinished,
     TakeMode,
@@ -46,6 +49,7 @@ from server.drive.worker.orders import (
 )
 from server.drive.worker.take_process import TAKE_IS_OVER
 from server.drive.worker.waiting_takes import WaitingTakes
+from server.drive.worker.watchdog import WATCH_S, Watchdog
 from server.drive.worker.what_if_calls import WhatIfCalls
 
 RETRY_S = 2.0
@@ -61,6 +65,7 @@ class DriveSupervisor:
         self._server = server
         self._drive: OpenDrive | None = None
         self._children = ChildProcesses(server)
+        self._watchdog = Watchdog(DriveSetup.tick_limit_s)
         self._live: Child | None = None
         self._starting: tuple[Child, int] | None = None
         """The process of a take that begins, and the number of the call that waits for it."""
@@ -82,7 +87,9 @@ class DriveSupervisor:
             while True:
                 sockets = [self._server, *(child.connection for child in self._children)]
                 is_unsaved = self._drive is not None and self._drive.stored.is_unsaved
-                ready, _, _ = select.select(sockets, [], [], RETRY_S if is_unsaved else None)
+                begin_s = time.monotonic()
+                ready, _, _ = select.select(sockets, [], [], self._choose_wait_s(is_unsaved=is_unsaved))
+                waited_s = time.monotonic() - begin_s
                 if is_unsaved and not ready:
                     self.drive.stored.save()
                 for child in [one for one in self._children if one.connection in ready]:
@@ -90,13 +97,21 @@ class DriveSupervisor:
                 if self._server in ready:
                     for data in self._server.receive():
                         self._handle(pickle.loads(data))  # of our own server
+                for child in self._watchdog.find_hanging(self._children, waited_s):
+                    self._children.end(child)
+                    self._drop(child, is_hanging=True)
+
+    def _choose_wait_s(self, *, is_unsaved: bool) -> float | None:
+        if self._watchdog.is_needed(self._children):
+            return WATCH_S
+        return RETRY_S if is_unsaved else None
 
     # ------------------------------------------------------------------------------------------ calls of the server
 
     def _handle(self, message: object) -> None:
         if isinstance(message, PersonInput):
             if self._live is not None:
-                self._live.tell(message)
+                self._live.tell_if_ready(message)
             return
         assert isinstance(message, DriveCall), "expected a call"
         try:
@@ -125,6 +140,7 @@ class DriveSupervisor:
 
     def _call_open(self, number: int, setup: DriveSetup) -> None:
         drive = self._drive = OpenDrive(setup, self._server.send)
+        self._watchdog = Watchdog(setup.tick_limit_s)
         self._waiting.add(drive.unfinished.takes)
         gc.collect()
         gc.freeze()  # else the first collection of each fork would write to, and so copy, all that they share
@@ -134,6 +150,9 @@ class DriveSupervisor:
         parent, tick = drive.unfinished.go_on or (None, drive.first_tick)
         self._begin(number, parent, tick)
         self._give_turns()
+
+    def _call_ping(self, number: int) -> None:
+        self._answer(number)
 
     def _call_branch(self, number: int, take: int, tick: int) -> None:
         check_tick(self.drive.tree, take, tick)
@@ -227,6 +246,7 @@ class DriveSupervisor:
         except (EOFError, OSError):
             self._drop(child)
             return
+        child.silent_s = 0.0
         for data in messages:
             self._hear(child, pickle.loads(data), data)  # of our own processes
 
@@ -235,6 +255,8 @@ class DriveSupervisor:
         match message:
             case CheckpointMade():
                 self._hear_checkpoint(child, message)
+            case TakeAlive():
+                child.process = message.process
             case TakeReady():
                 self._hear_ready(child, message)
             case TakeRefused():
@@ -254,7 +276,7 @@ class DriveSupervisor:
         if isinstance(message, HandedOver):
             self.drive.stored.note_driver(message)
         if isinstance(message, DriveFrame):
-            child.tick = message.tick
+            child.frame = message
         if isinstance(message, CallAnswer):
             child.calls.pop(message.number, None)
         if not isinstance(message, CallAnswer) or message.number:
@@ -298,8 +320,7 @@ class DriveSupervisor:
                 return
             self._answer(number, None, message.text)
         elif child.role in (ChildRole.LIVE, ChildRole.LEFT, ChildRole.FINISHING):
-            if child is self._live:
-                self._live = None
+            self._stop_live(child)
             child.role = ChildRole.HELPING  # it has nothing more to do than to end, which is no other problem
             self.drive.stored.change(child.take, status=TakeStatus.VOID)
             self._fail_calls(child, message.text)
@@ -330,8 +351,15 @@ class DriveSupervisor:
         left = message.left_tick is not None
         self._server.send(TakeEnded(message.take, message.end_tick, message.score, message.ds, left))
 
-    def _drop(self, child: Child) -> None:
-        """Forget a process that has ended, and say so if it should not have."""
+    def _stop_live(self, child: Child) -> None:
+        """If it is the live take that ends before its time, let pages see that: its last frame, with another state."""
+        if child is self._live:
+            self._live = None
+            if child.frame is not None:
+                self._server.send(replace(child.frame, state=FrameState.FINISHED, extra={}))
+
+    def _drop(self, child: Child, *, is_hanging: bool = False) -> None:
+        """Forget a process that has ended, and say so if it should not have. is_hanging: it was ended for that."""
         self._children.remove(child)
         self._fail_calls(child, "the process that computed it has ended; try again")
         if self._starting is not None and self._starting[0] is child:
@@ -343,10 +371,13 @@ class DriveSupervisor:
             self._waiting.add((child.take,), self.drive.provenance)
         elif child.role in (ChildRole.LIVE, ChildRole.LEFT, ChildRole.FINISHING):
             if child is self._live:
-                self._live = None
-            self.drive.stored.change(child.take, status=TakeStatus.LEFT)
+                self.drive.stored.note_left(child.take, child.tick)
+            else:
+                self.drive.stored.change(child.take, status=TakeStatus.LEFT)
+            self._stop_live(child)
             self._waiting.add_lost(child.take, self.drive.provenance)
-            text = f"the process of take {child.take} has ended; its actions are kept: go back to a tick to drive on"
+            why = self._watchdog.describe(child) if is_hanging else "has ended"
+            text = f"the process of take {child.take} {why}; its actions are kept: go back to a tick to drive on"
             self._server.send(DriveProblem(text))
         self._give_turns()
 

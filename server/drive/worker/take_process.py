@@ -30,6 +30,7 @@ from server.drive.worker.orders import (
     CheckpointMade,
     FinishOrder,
     Provenance,
+    TakeAlive,
     TakeDropped,
     TakeFinished,
     TakeMode,
@@ -52,6 +53,8 @@ BACKGROUND_NICE = 15
 RETRY_S = 2.0
 """Time after which a full disk is tried again [s]."""
 TAKE_IS_OVER = "the take is over; go back to a tick to drive on"
+ALIVE_S = 1.0
+"""Time between two signs of life [s]."""
 POLL_TICKS = 40
 """A repeated drive looks every so many ticks whether its supervisor is still there."""
 
@@ -111,10 +114,12 @@ class TakeProcess:
         self._journal: TakeJournal | None = None
         self._context, self._order, self._connection = context, order, connection
         self._given_simulation = simulation
+        self._alive_s = -ALIVE_S
 
     def run(self) -> None:
         """Follow the order, and say how it went. Raises EOFError and OSError if the supervisor has ended."""
         try:
+            self._say_alive()
             self.simulation = self._given_simulation or TakeSimulation(self._context)
             if self._order.mode in (TakeMode.FINISH, TakeMode.WHAT_IF):
                 os.nice(BACKGROUND_NICE)
@@ -193,9 +198,16 @@ class TakeProcess:
         ours.close()
 
     def _poll(self) -> None:
-        """Handle nothing, but raise EOFError if the supervisor has ended."""
+        """Say that it works, and answer; raise EOFError if the supervisor has ended."""
+        self._say_alive()
         if select.select([self._connection], [], [], 0.0)[0]:
             self._handle_all()
+
+    def _say_alive(self) -> None:
+        now_s = time.monotonic()
+        if now_s - self._alive_s >= ALIVE_S:
+            self._alive_s = now_s
+            self._connection.send(TakeAlive(os.getpid()))
 
     def _handle_all(self) -> None:
         for data in self._connection.receive():
@@ -285,6 +297,7 @@ class TakeProcess:
             self._connection.send(DriveProblem(f"take {number} is not stored yet: {text}; it is tried again"))
             self._has_told_problem = True
         end_s = time.monotonic() + RETRY_S
+        self._say_alive()
         while (left_s := end_s - time.monotonic()) > 0:
             if select.select([self._connection], [], [], left_s)[0]:
                 self._handle_all()
