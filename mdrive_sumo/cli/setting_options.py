@@ -120,15 +120,23 @@ _FIRST_SEED = "Seed of all randomness. 0: the scenarios as written. Others also 
 
 def episode_options(command: Command) -> Command:
     """Add the options of an episode to a click command, which gives its `**options` to `read_episode_options`."""
-    return add_options([option for one in list_settings(EpisodeOptions) for option in _make_options(one)])(command)
+    return episode_options_without()(command)
+
+
+def episode_options_without(*keys: str) -> Callable[[Command], Command]:
+    """Return a decorator as `episode_options`, for a command in which some settings can have only their default."""
+    settings = [one for one in list_settings(EpisodeOptions) if one.key not in keys]
+    return add_options([option for one in settings for option in _make_options(one)])
 
 
 def read_episode_options(options: dict[str, Any]) -> EpisodeOptions:
-    """Return the options of an episode and take them out of the dict. Raises InputError naming the option."""
+    """Return the options of an episode and take them out of the dict. Raises InputError naming the option.
+
+    Settings for which the command has no option have their default.
+    """
     comm = read_channel(options)
-    others: dict[str, Any] = {
-        one.key: options.pop(one.key) for one in list_settings(EpisodeOptions) if one.key != "comm"
-    }
+    keys = [one.key for one in list_settings(EpisodeOptions) if one.key != "comm" and one.key in options]
+    others: dict[str, Any] = {key: options.pop(key) for key in keys}
     return EpisodeOptions.parse(comm=comm, **others)
 
 

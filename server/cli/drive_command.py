@@ -21,7 +21,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 
 from mdrive_sumo.agents.registry import AGENTS, ASKING_AGENTS, HUMAN_AGENTS
 from mdrive_sumo.api.scenario_source import find_scenario
-from mdrive_sumo.cli.setting_options import episode_options, read_episode_options
+from mdrive_sumo.cli.setting_options import episode_options_without, read_episode_options
 from mdrive_sumo.cli.stored_run_options import choose_seed
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.posix import check_posix
@@ -92,7 +92,7 @@ _ONLY_NEW = ("suite", "cavs", "others", "substitutes", "v2x", "from_run", "tick"
     type=click.IntRange(0, MAX_SEED),
     help="Seed of all randomness [default: 0, the scenario as written; with --from: the run's first].",
 )
-@episode_options
+@episode_options_without("agent_clock")  # people take their own time
 @click.option(
     "--weather",
     metavar="|".join(WEATHERS),

@@ -38,7 +38,7 @@ from server.drive.worker.take_actions import EnteredRun
 MAX_CHECKPOINT_S = 60.0
 """Longest time between two checkpoints [s]: an episode."""
 MAX_TICK_LIMIT_S = 3600.0
-"""An hour: whoever waits so long for a tick has gone."""
+"""An hour: people who wait so long for a tick have gone."""
 MAX_SPEED_UP = 1000.0
 """More than any machine computes."""
 

@@ -7,7 +7,9 @@ import pytest
 from testing.drives import DriveSession, make_setup, run_drive
 
 from mdrive_sumo.contract import Control
+from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from server.drive.worker.drive_context import load_context
 from server.drive.worker.drive_folder import lock_folder
 
@@ -62,6 +64,8 @@ def test_bad_calls_cost_one_sentence_and_the_drive_goes_on(suite: Path, tmp_path
         ({"others": "colmdriver"}, "expected agents without a language model"),
         ({"suite": "/nowhere"}, "/nowhere"),
         ({"weather": "hail"}, "weather: expected one of"),
+        ({"options": EpisodeOptions(clock=parse_clock("measured"))}, "agent clock: expected ideal, found measured"),
+        ({"tick_limit_s": 0.0}, "tick_limit_s: expected up to 3600 s, found 0.0"),
         ({"checkpoint_s": -1.0}, "checkpoint_s: expected 0 to 60"),
         ({"speed_up": 0.5}, "speed_up: expected 1 to 1000"),
         ({"from_run": Path("/nowhere")}, "nowhere"),
