@@ -3,6 +3,7 @@
 import random
 from collections.abc import Sequence
 
+import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
@@ -26,12 +27,35 @@ def add_surroundings(
     draft: NetworkDraft, surroundings: Surroundings, keep_free: Sequence[BaseGeometry], rng: random.Random
 ) -> None:
     """Add what stands along the streets: nothing on roads, pavements or `keep_free`, nothing on each other."""
-    blocked = [_build_road(draft), *keep_free]
+    road = shapely.union_all([_build_road(draft), *keep_free])
+    taken = _Taken()
     for kind, rows in ((row.kind, row.rows) for row in surroundings.rows):
+        apart_m = max(rows.setback_m[0] - 0.1, APART_M) if kind == "house" else APART_M
+        blocked = road.buffer(apart_m, quad_segs=4)
+        shapely.prepare(blocked)
         for street in draft.streets:
             for side in (1, -1):
                 if measure_half_widths(draft, street)[0 if side > 0 else 1] > 1.0:  # the side has lanes
-                    _add_row(draft, street, side, (kind, rows), blocked, rng)
+                    _add_row(draft, street, side, (kind, rows), (blocked, taken), rng)
+
+
+class _Taken:
+    """What stands on the land already."""
+
+    def __init__(self) -> None:
+        self._shapes: list[BaseGeometry] = []
+        self._bounds = np.empty((0, 4))
+
+    def add(self, shape: BaseGeometry) -> None:
+        self._shapes.append(shape)
+        self._bounds = np.concatenate((self._bounds, [shape.bounds]))
+
+    def is_near(self, shape: BaseGeometry) -> bool:
+        """Return whether something stands nearer than `APART_M`."""
+        left, low, right, high = shape.bounds
+        apart = (self._bounds[:, 0] > right + APART_M) | (self._bounds[:, 2] < left - APART_M)
+        apart |= (self._bounds[:, 1] > high + APART_M) | (self._bounds[:, 3] < low - APART_M)
+        return any(self._shapes[i].distance(shape) < APART_M for i in np.flatnonzero(~apart))
 
 
 def _build_road(draft: NetworkDraft) -> BaseGeometry:
@@ -48,27 +72,25 @@ def _add_row(
     street: Street,
     side: int,
     row: tuple[str, HouseRows],
-    blocked: list[BaseGeometry],
+    land: tuple[BaseGeometry, _Taken],
     rng: random.Random,
 ) -> None:
-    """Add the row on one side of a street, and what it takes to `blocked`."""
+    """Add the row on one side of a street.
+
+    land: where nothing may stand, and what stands on the rest.
+    """
     kind, rows = row
     line = shapely.LineString(street.line)
     half = measure_half_widths(draft, street)[0 if side > 0 else 1]
-    apart_m = max(rows.setback_m[0] - 0.1, APART_M) if kind == "house" else APART_M
-    road, *others = blocked
-    obstacles = shapely.union_all([road.buffer(apart_m, quad_segs=4), *(other.buffer(APART_M, 1) for other in others)])
-    shapely.prepare(obstacles)
-    built: list[BaseGeometry] = []
     station = rng.uniform(0.0, rows.gap_m[1] / 2)
     while station < line.length - 1.0:
         length, depth = rng.uniform(*rows.size_m), rng.uniform(*rows.depth_m)
         near, is_built = half + rng.uniform(*rows.setback_m), rng.random() < rows.share
         last = station + length
         while is_built and station < last:
-            outline = _fit_outline(line, (station, length), (side * near, side * (near + depth)), obstacles, built)
+            outline = _fit_outline(line, (station, length), (side * near, side * (near + depth)), land)
             if outline is not None:
-                built.append(shapely.Polygon(outline))
+                land[1].add(shapely.Polygon(outline))
                 if kind == "house":
                     draft.buildings.append(outline)
                 else:
@@ -76,17 +98,16 @@ def _add_row(
                 break
             station += STEP_M
         station += length + rng.uniform(*rows.gap_m)
-    blocked.extend(built)
 
 
 def _fit_outline(
     line: shapely.LineString,
     along: tuple[float, float],
     across: tuple[float, float],
-    obstacles: BaseGeometry,
-    built: Sequence[BaseGeometry],
+    land: tuple[BaseGeometry, _Taken],
 ) -> Float | None:
     """Return the outline of the longest part of a building that touches nothing, or None."""
+    blocked, taken = land
     station, length = along
     for share in SHORTER:
         part = length * share
@@ -94,6 +115,6 @@ def _fit_outline(
             continue
         outline = build_house(line, (station, part), *across)
         shape = shapely.Polygon(outline)
-        if not shape.intersects(obstacles) and all(shape.distance(other) >= APART_M for other in built):
+        if not blocked.intersects(shape) and not taken.is_near(shape):
             return outline
     return None

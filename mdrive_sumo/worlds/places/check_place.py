@@ -13,8 +13,10 @@ from mdrive_sumo.core.portable import square
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.worlds.places.sight_triangles import EYE_M, compute_leg
 
-LEAST_LANE_M = 6.0
-"""[m] Shorter lanes outside junctions are too short for a car to stand on."""
+LEAST_LANE_M = 2.0
+"""[m] Between junctions closer than that, lanes vanish in netconvert's corners."""
+RING = "ring_"
+"""Edges of roundabouts, whose pieces between exit and entry of an arm are as short as the arm's island is wide."""
 LEAST_MERGE_M = 60.0
 """[m] Length of a lane that ends, such as an acceleration lane; chosen: four seconds at 50 km/h."""
 LEAST_WAY_M = 80.0
@@ -51,7 +53,7 @@ def _check_lanes(roads: RoadMap) -> Iterator[str]:
     streets = [lane for lane in roads.driving if not lane.junction]
     goes_on = {lane.edge for lane in streets if lane.successors}
     for lane in streets:
-        if lane.centre.length < LEAST_LANE_M:
+        if lane.centre.length < LEAST_LANE_M and not lane.edge.startswith(RING):
             yield f"lane {lane.id}: {lane.centre.length:.1f} m long, expected {LEAST_LANE_M:g} m or more"
         if lane.edge in goes_on and not lane.successors and lane.centre.length < LEAST_MERGE_M:
             yield f"lane {lane.id}: ends while its edge goes on, expected {LEAST_MERGE_M:g} m to leave it"

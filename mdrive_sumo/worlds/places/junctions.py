@@ -8,9 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.worlds.places.network_draft import NetworkDraft, Node, Street
 from mdrive_sumo.worlds.places.street_lines import draw_arm, trace_line
 
+FLARE_M = 24.0
+"""[m] From the ring to where the lanes of an arm part around its splitter island."""
+ARM_STEP_M = 6.0
 COMPASS = ("east", "north", "west", "south")
 
 
@@ -67,30 +71,62 @@ def add_turn_lane_connections(draft: NetworkDraft, arms: Sequence[str], lanes: S
             draft.connections.append((f"{arm}_in", first + lane, f"{arms[target]}_out", first + to_lane))
 
 
-def build_roundabout(draft: NetworkDraft, radius: float, lanes: int, angles_deg: Sequence[float], arm_m: float) -> None:
-    """Add a roundabout of a ring with `lanes` lanes and as many on each arm; the ring has priority."""
+def build_roundabout(
+    draft: NetworkDraft,
+    radius: float,
+    lanes: int,
+    angles_deg: Sequence[float],
+    arm_m: float,
+    bends: Sequence[float] = (),
+    speed: float = 13.89,
+) -> None:
+    """Add a roundabout of a ring with `lanes` lanes and as many on each arm; the ring has priority.
+
+    bends: curvature [1/m] of each arm beyond its splitter island; (): all are straight. speed: limit on the arms [m/s].
+    """
     half = math.radians(19.0 if lanes == 1 else 17.0)
     base = lanes * draft.lane_m / 2 + 0.55
-    flare = [base + share * (radius * portable.sin(half) - base) for share in (0.0, 0.0, 0.22, 0.56, 1.0)]
-    away = [radius + arm_m, radius + 24.0, radius + 15.0, radius + 8.0, radius * portable.cos(half)]
+    flare = [base + share * (radius * portable.sin(half) - base) for share in (0.0, 0.22, 0.56, 1.0)]
+    away = [radius + FLARE_M, radius + 15.0, radius + 8.0, radius * portable.cos(half)]
     nodes, cuts = list[str](), list[float]()
     for k, angle in enumerate(angles_deg):
         arm, axis = f"arm_{k + 1}", math.radians(angle)
-        entering = np.array([_rotate(x, y, axis) for x, y in zip(away, flare, strict=True)])
-        leaving = np.array([_rotate(x, -y, axis) for x, y in zip(away, flare, strict=True)])[::-1]
+        outside = _trace_arm(radius + FLARE_M, arm_m - FLARE_M, bends[k] if bends else 0.0)
+        entering, leaving = (
+            np.array([_rotate(x, y, axis) for x, y in (*(p + sign * base * n for p, n in outside), *near)])
+            for sign, near in ((1, zip(away, flare, strict=True)), (-1, zip(away, (-y for y in flare), strict=True)))
+        )
+        leaving = leaving[::-1]
         end = (entering[0] + leaving[-1]) / 2
         draft.nodes += [Node(arm, float(end[0]), float(end[1]))]
         draft.nodes += [Node(f"{arm}_x", float(leaving[0, 0]), float(leaving[0, 1]), "priority", 2.5)]
         draft.nodes += [Node(f"{arm}_n", float(entering[-1, 0]), float(entering[-1, 1]), "priority", 2.5)]
         draft.streets.append(
-            Street(f"{arm}_in", arm, f"{arm}_n", entering, (lanes, 0), 13.89, 2, 0.0, True, (f"{arm}_in", ""))
+            Street(f"{arm}_in", arm, f"{arm}_n", entering, (lanes, 0), speed, 2, 0.0, True, (f"{arm}_in", ""))
         )
         draft.streets.append(
-            Street(f"{arm}_out", f"{arm}_x", arm, leaving, (lanes, 0), 13.89, 2, 0.0, True, (f"{arm}_out", ""))
+            Street(f"{arm}_out", f"{arm}_x", arm, leaving, (lanes, 0), speed, 2, 0.0, True, (f"{arm}_out", ""))
         )
         nodes += [f"{arm}_x", f"{arm}_n"]
         cuts += [axis - half, axis + half]
     _add_ring(draft, radius, lanes, nodes, cuts)
+
+
+def _trace_arm(begin_m: float, length_m: float, bend: float) -> list[tuple[Float, Float]]:
+    """Return points of an arm beyond its splitter island, outermost first, each with its normal to the left.
+
+    The arm runs along the x axis from `begin_m` on. bend: curvature [1/m].
+    """
+    count = max(math.ceil(length_m / ARM_STEP_M), 1) if bend else 1
+    points: list[tuple[Float, Float]] = []
+    for k in range(count, 0, -1):
+        along = k * length_m / count
+        if not bend:
+            points.append((np.array((begin_m + along, 0.0)), np.array((0.0, 1.0))))
+            continue
+        cos, sin = portable.cos_sin(bend * along)
+        points.append((np.array((begin_m + sin / bend, (1.0 - cos) / bend)), np.array((-sin, cos))))
+    return points
 
 
 def _rotate(x: float, y: float, angle: float) -> tuple[float, float]:

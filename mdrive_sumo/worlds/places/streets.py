@@ -23,6 +23,9 @@ class SideStreet:
     type: str = "priority"
     zebras: bool = False
     length_m: float = 75.0
+    speed: float = 8.33
+    radius: float = 6.0
+    """[m] Of the corners."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +54,7 @@ def build_street(draft: NetworkDraft, plan: StreetPlan, rng: random.Random, head
         there = "east" if last else f"j{k + 1}"
         if not last:
             side = plan.sides[k]
-            draft.nodes.append(Node(there, *at, side.type, 6.0))
+            draft.nodes.append(Node(there, *at, side.type, side.radius))
         else:
             draft.nodes.append(Node(there, *at))
         draft.streets.append(
@@ -91,7 +94,9 @@ def _add_side_streets(
         draft.nodes.append(Node(name, float(line[-1, 0]), float(line[-1, 1])))
         priority = plan.priority if side.type == "right_before_left" else 2
         draft.streets.append(
-            Street(name, name, node, line[::-1], (side.lanes, side.lanes), 8.33, priority, sidewalk_m=plan.sidewalk_m)
+            Street(
+                name, name, node, line[::-1], (side.lanes, side.lanes), side.speed, priority, sidewalk_m=plan.sidewalk_m
+            )
         )
         around.append(f"{name}_in {name}_out")
         if side.type == "priority_stop":
