@@ -8,8 +8,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import copy_file, make_parents
 from mdrive_sumo.generate.hard.hard_recipe import HardRecipe, build_hard_scenario, is_hard_recipe, load_hard_recipe
-from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
+from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
+from mdrive_sumo.generate.rejection import ProposalRejected
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scenario.packaged_suites import find_suite_folder, list_exact_suites
 from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE

@@ -8,9 +8,10 @@ from typing import Literal
 
 from mdrive_sumo.generate import template_proposer
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario, screen_candidate
+from mdrive_sumo.generate.pipeline import build_scenario, screen_candidate
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import GENERATOR, Recipe
+from mdrive_sumo.generate.rejection import ProposalRejected
 from mdrive_sumo.generate.screening import ScreeningResult
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import WeatherName

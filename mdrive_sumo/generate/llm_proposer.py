@@ -18,8 +18,8 @@ from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.llm_answer import load_demonstrations, parse_proposal
 from mdrive_sumo.generate.llm_prompt import build_prompt
-from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.proposal import Proposal
+from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.negotiation.language_model import LanguageModel, LanguageModelSettings, check_settings
 from mdrive_sumo.negotiation.llm_endpoint import ChatCompletion
 from mdrive_sumo.negotiation.transcript import load_outcomes

@@ -6,15 +6,15 @@ proposal -> rules -> crop -> ways -> spawns -> actors -> soundness -> duplicates
 
 import random
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 
-from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.duplicates import find_duplicate
 from mdrive_sumo.generate.network_choice import find_networks
 from mdrive_sumo.generate.pre_crash_typologies import find_typology_networks
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
+from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected, reject_at
 from mdrive_sumo.generate.route_assignment import assign_routes
 from mdrive_sumo.generate.rules import find_rule_violations
 from mdrive_sumo.generate.screening import ScreeningResult, screen_scenario
@@ -33,28 +33,6 @@ from mdrive_sumo.worlds.placement.spawn_points import LaneRoutes, choose_spawn_p
 BUCKET = "Interaction"
 DEFAULT_ROUTE_M = 100.0
 """[m] Length of routes where the paper lists none."""
-
-
-class PipelineStage(StrEnum):
-    """Stages of the pipeline in order."""
-
-    RULES = "rules"
-    CROP = "crop"
-    WAYS = "ways"
-    SPAWNS = "spawns"
-    ACTORS = "actors"
-    SOUNDNESS = "soundness"
-    DUPLICATES = "duplicates"
-    DIFFICULTY = "difficulty"
-    FEASIBILITY = "feasibility"
-
-
-class ProposalRejected(Exception):
-    """A stage rejected the proposal; `args` are the stage and the reason."""
-
-    def __init__(self, stage: PipelineStage, reason: str) -> None:
-        super().__init__(stage, reason)
-        self.stage, self.reason = stage, reason
 
 
 def build_scenario(recipe: Recipe, networks: Sequence[str] = ()) -> Scenario:
@@ -83,32 +61,26 @@ def build_scenario(recipe: Recipe, networks: Sequence[str] = ()) -> Scenario:
         actors=actors,
         weather=recipe.weather,
     )
-    try:
+    with reject_at(PipelineStage.SOUNDNESS):
         check_scenario(scenario, roads)
-    except InputError as error:
-        raise ProposalRejected(PipelineStage.SOUNDNESS, str(error)) from None
     return scenario
 
 
 def _choose_network(proposal: Proposal, networks: Sequence[str], rng: random.Random) -> RoadMap:
     names = networks or find_typology_networks(proposal) or CATEGORIES[proposal.category].networks
-    try:
+    with reject_at(PipelineStage.CROP):
         return rng.choice(find_networks(proposal, names))
-    except InputError as error:
-        raise ProposalRejected(PipelineStage.CROP, str(error)) from None
 
 
 def _build_egos(proposal: Proposal, ways: LaneRoutes, roads: RoadMap, rng: random.Random) -> dict[str, Ego]:
     """Return the CAVs by the proposal's vehicle ids."""
     share = rng.uniform(0.25, 0.6)
-    try:
+    with reject_at(PipelineStage.SPAWNS, f"network {roads.name}: "):
         spawns = _choose_spawns(proposal, ways, share, roads, rng)
         return {
             name: build_spawned_cav(roads, str(i), way, spawns[name], share)
             for i, (name, way) in enumerate(ways.items())
         }
-    except InputError as error:
-        raise ProposalRejected(PipelineStage.SPAWNS, f"network {roads.name}: {error}") from None
 
 
 def _choose_spawns(
@@ -125,10 +97,8 @@ def _choose_spawns(
 
 def _place_actors(proposal: Proposal, egos: Mapping[str, Ego], roads: RoadMap, rng: random.Random) -> tuple[Actor, ...]:
     place = place_pre_crash_actors if proposal.category is Category.PRE_CRASH else place_actors
-    try:
+    with reject_at(PipelineStage.ACTORS):
         return place(proposal.actors, egos, roads, rng)
-    except InputError as error:
-        raise ProposalRejected(PipelineStage.ACTORS, str(error)) from None
 
 
 def screen_candidate(scenario: Scenario, accepted: Sequence[Scenario]) -> ScreeningResult:

@@ -12,8 +12,9 @@ from types import MappingProxyType
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.network_choice import is_for_training
-from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
+from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.recipe import Recipe
+from mdrive_sumo.generate.rejection import ProposalRejected
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.learning.sample_format import SPLITS
 from mdrive_sumo.learning.training_situations import SITUATIONS, SituationPlan

@@ -4,8 +4,15 @@ from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation, 
 from mdrive_sumo.generate.hard.candidate_probes import PROBES, TALKING_NAMES
 from mdrive_sumo.generate.hard.candidate_rejection import RejectionStage
 from mdrive_sumo.generate.hard.elite_check import EliteCheck
-from mdrive_sumo.generate.hard.family import BUCKET, FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
+from mdrive_sumo.generate.hard.family import (
+    BUCKET,
+    FamilyCandidate,
+    FamilyParameter,
+    FamilyScene,
+    ScenarioFamily,
+    Values,
+)
+from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
@@ -16,6 +23,17 @@ ROUTE_M = 12
 """As few metres as `omniscient` drives in three seconds."""
 TOY = "toy"
 REFUSED_START_M = 8.0
+
+
+class _ToyFamily(ScenarioFamily):
+    """Builds its scenarios without a scene."""
+
+    def build(self, candidate: FamilyCandidate) -> Scenario:
+        return build_toy_scenario(candidate)
+
+
+def _stage_nothing(values: Values, seed: str) -> FamilyScene:
+    raise AssertionError(f"expected a scenario without a scene, found {values} and {seed}")
 
 
 def build_toy_scenario(candidate: FamilyCandidate) -> Scenario:
@@ -53,14 +71,14 @@ def _build_walker(number: int, x: float, y: float) -> Actor:
     return Actor(id=f"walker{number}", kind="pedestrian", length=0.5, width=0.5, start=place)
 
 
-TOY_FAMILY = ScenarioFamily(
+TOY_FAMILY = _ToyFamily(
     category=TOY,
     description="A CAV drives a few metres.",
     parameters=(
         FamilyParameter("start", 0.0, 10.0, "m", "where the CAV starts"),
         FamilyParameter("walkers", 0.0, 30.0, "", "pedestrians far away"),
     ),
-    build=build_toy_scenario,
+    stage=_stage_nothing,
 )
 
 

@@ -1,25 +1,27 @@
 """Crossing traffic behind buildings at crossings with narrow one-way streets, from the left and from the right."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.generate.hard.family import (
-    FamilyCandidate,
     FamilyParameter,
+    FamilyScene,
     ScenarioFamily,
+    Values,
     build_encounter_parameters,
+    load_network,
 )
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.encounters.hidden_vehicle import Encounter, place_encounter
-from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_parked_vehicle
+from mdrive_sumo.worlds.placement.bodies import build_parked_vehicle, space_vehicles
 from mdrive_sumo.worlds.placement.lane_chains import compute_pose, find_conflict
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
 MOUTH_M = 4.4
 """[m] From the path of CAV 0 over its own half width and the side road's other lane to where a van may stand."""
+
+VAN_GAP_M = 1.0
+"""[m] Between parked vans."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +74,8 @@ STREAMS_BY_NETWORK = {
 """Reactive traffic by network; the corridors' streams also serve other families."""
 
 
-def build_blind_crossing(candidate: FamilyCandidate) -> Scenario:
-    """Return the scenario of a candidate: CAV 0 meets a hidden vehicle, which CAV 1 follows or a mast sees."""
-    values = read_values(FAMILY, candidate)
+def stage_blind_crossing(values: Values, seed: str) -> FamilyScene:
+    """Return the scene of a candidate: CAV 0 meets a hidden vehicle, which CAV 1 follows or a mast sees."""
     site = SITES[min(int(values["site"]), len(SITES) - 1)]
     roads = load_network(site.network)
     hidden = find_lane_path(roads, *site.hidden)
@@ -83,25 +84,18 @@ def build_blind_crossing(candidate: FamilyCandidate) -> Scenario:
     placed = place_encounter(roads, encounter, values)
     actors = (*placed.actors, *_build_corner_vans(roads, encounter, site, values))
     streams = STREAMS_BY_NETWORK[site.network]
-    vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, (*placed.egos, *actors))
-    traffic = FamilyTraffic(vehicles, actors, placed.rsus, site.network.startswith("hard_corridor"))
-    return build_scenario(FAMILY, candidate, roads, placed.egos, traffic)
+    vehicles = build_traffic(roads, streams, round(values["vehicles"]), seed, (*placed.egos, *actors))
+    return FamilyScene(roads, placed.egos, vehicles, actors, placed.rsus, site.network.startswith("hard_corridor"))
 
 
-def _build_corner_vans(
-    roads: RoadMap, encounter: Encounter, site: CrossingSite, values: Mapping[str, float]
-) -> list[Actor]:
+def _build_corner_vans(roads: RoadMap, encounter: Encounter, site: CrossingSite, values: Values) -> list[Actor]:
     """Return vans parked at the hidden vehicle's kerb, the first `corner_gap_m` from the mouth of the side road."""
     if not site.corner_m:
         return []
     _, at = find_conflict(roads, encounter.own, encounter.hidden)
-    length, made = BODY_SIZES["van"][0], list[Actor]()
-    front = at - MOUTH_M - values["corner_gap_m"]
-    for i in range(round(values["vans"])):
-        pose = compute_pose(roads, encounter.hidden, front - length / 2, -site.corner_m)
-        made.append(build_parked_vehicle(f"van{i}", "van", pose, mirrored=False))
-        front -= length + 1.0
-    return made
+    places = space_vehicles(["van"] * round(values["vans"]), at - MOUTH_M - values["corner_gap_m"], VAN_GAP_M)
+    poses = [compute_pose(roads, encounter.hidden, middle, -site.corner_m) for _, middle in places]
+    return [build_parked_vehicle(f"van{i}", "van", pose, mirrored=False) for i, pose in enumerate(poses)]
 
 
 FAMILY = ScenarioFamily(
@@ -116,5 +110,5 @@ FAMILY = ScenarioFamily(
         FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 60.0, "", "number of reactive vehicles"),
     ),
-    build=build_blind_crossing,
+    stage=stage_blind_crossing,
 )

@@ -6,19 +6,19 @@ CAV 0 turns left out of a side street of a corridor, or goes straight on in a on
 from dataclasses import dataclass
 
 from mdrive_sumo.generate.hard.family import (
-    FamilyCandidate,
     FamilyParameter,
+    FamilyScene,
     ScenarioFamily,
+    Values,
     build_encounter_parameters,
+    load_network,
 )
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.background import BackgroundVehicle
-from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
 from mdrive_sumo.worlds.encounters.hidden_vehicle import Encounter, place_encounter
-from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_driving_actor
+from mdrive_sumo.worlds.placement.bodies import build_driving_actor, space_vehicles
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, find_conflict
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_standing_queue, build_traffic
 
@@ -100,9 +100,8 @@ SITES = (
 )
 
 
-def build_blocked_junction(candidate: FamilyCandidate) -> Scenario:
-    """Return the scenario of a candidate: CAV 0 drives through the gap, CAV 1 follows the hidden vehicle."""
-    values = read_values(FAMILY, candidate)
+def stage_blocked_junction(values: Values, seed: str) -> FamilyScene:
+    """Return the scene of a candidate: CAV 0 drives through the gap, CAV 1 follows the hidden vehicle."""
     site = SITES[min(int(values["site"]), len(SITES) - 1)]
     roads = load_network(site.network)
     own, hidden, queue = (find_lane_path(roads, *ends) for ends in (site.own, site.hidden, site.queue))
@@ -112,10 +111,9 @@ def build_blocked_junction(candidate: FamilyCandidate) -> Scenario:
     beyond = () if site.ahead else _build_beyond(roads, queue, at_m + half_m + AHEAD_GAP_M)
     egos, actors = placed.egos, (*placed.actors, *blocking, *beyond)
     standing = _build_standing(roads, site)
-    vehicles = build_traffic(roads, site.streams, round(values["vehicles"]), candidate.seed, (*egos, *actors))
+    vehicles = build_traffic(roads, site.streams, round(values["vehicles"]), seed, (*egos, *actors))
     free = tuple(one for one in vehicles if not _is_in_queue(one, site))
-    traffic = FamilyTraffic((*standing, *free), actors, placed.rsus, signals=bool(site.ahead))
-    return build_scenario(FAMILY, candidate, roads, egos, traffic)
+    return FamilyScene(roads, egos, (*standing, *free), actors, placed.rsus, signals=bool(site.ahead))
 
 
 def _build_standing(roads: RoadMap, site: QueueSite) -> tuple[BackgroundVehicle, ...]:
@@ -139,13 +137,12 @@ def _build_waiting(roads: RoadMap, name: str, model: str, place: tuple[Lanes, fl
 
 def _build_beyond(roads: RoadMap, queue: Lanes, rear: float) -> list[Actor]:
     """Return the vehicles of the queue beyond the gap, from a station [m] on; they drive on first."""
-    made: list[Actor] = []
-    for i, model in enumerate(reversed(QUEUE)):
-        length = BODY_SIZES[model][0]
-        at_s = GREEN_S + SET_OFF_S * (len(QUEUE) - 1 - i)
-        made.append(_build_waiting(roads, f"queue{i}", model, (queue, rear + length / 2), at_s))
-        rear += length + AHEAD_GAP_M
-    return made
+    places = enumerate(space_vehicles(reversed(QUEUE), rear, AHEAD_GAP_M, step=1.0))
+    last_s = GREEN_S + SET_OFF_S * (len(QUEUE) - 1)
+    return [
+        _build_waiting(roads, f"queue{i}", model, (queue, middle), last_s - SET_OFF_S * i)
+        for i, (model, middle) in places
+    ]
 
 
 def _build_blocking(roads: RoadMap, queue: Lanes, front: float, count: int) -> list[Actor]:
@@ -153,14 +150,12 @@ def _build_blocking(roads: RoadMap, queue: Lanes, front: float, count: int) -> l
 
     They drive on when the light ahead has turned green.
     """
-    made: list[Actor] = []
-    for i in range(count):
-        model = ("bus", "truck", "van")[i % 3]
-        length = BODY_SIZES[model][0]
-        at_s = GREEN_S + SET_OFF_S * (len(QUEUE) + i)
-        made.append(_build_waiting(roads, f"blocking{i}", model, (queue, front - length / 2), at_s))
-        front -= length + BLOCKING_GAP_M
-    return made
+    places = enumerate(space_vehicles([("bus", "truck", "van")[i % 3] for i in range(count)], front, BLOCKING_GAP_M))
+    first_s = GREEN_S + SET_OFF_S * len(QUEUE)
+    return [
+        _build_waiting(roads, f"blocking{i}", model, (queue, middle), first_s + SET_OFF_S * i)
+        for i, (model, middle) in places
+    ]
 
 
 FAMILY = ScenarioFamily(
@@ -175,5 +170,5 @@ FAMILY = ScenarioFamily(
         FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 120.0, "", "number of reactive vehicles beside the queue"),
     ),
-    build=build_blocked_junction,
+    stage=stage_blocked_junction,
 )

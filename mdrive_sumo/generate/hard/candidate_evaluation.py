@@ -35,7 +35,7 @@ from mdrive_sumo.generate.hard.hard_recipe import (
 )
 from mdrive_sumo.generate.hard.reference_drive import drive_with
 from mdrive_sumo.generate.hard.time_limits import LIMIT_EXTRA_S, LIMIT_FACTOR, compute_time_limits, set_time_limits
-from mdrive_sumo.generate.pipeline import ProposalRejected
+from mdrive_sumo.generate.rejection import ProposalRejected
 from mdrive_sumo.generate.validation import FULL_SCORE, HARD_SEEDS
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.reference_times import REFERENCE_AGENT, ReferenceTicks

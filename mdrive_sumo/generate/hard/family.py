@@ -3,14 +3,25 @@
 A family knows nothing of agents or scores; the search varies its parameters. Equal candidates make equal scenarios.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected, reject_at
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.scenario.background import Background, BackgroundVehicle
+from mdrive_sumo.scenario.checks import check_scenario
+from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
+from mdrive_sumo.scenario.scripted_actor import Actor, StandingMotion
+from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
+from mdrive_sumo.worlds.placement.occupancy import build_user_box, overlaps_building
 
 BUCKET = "Hard"
 """Bucket of every scenario of the hard tier."""
+LEAST_CAVS, MOST_CAVS = 2, 12
+"""CAVs of a scenario of the hard tier (docs/hard.md)."""
+Values = Mapping[str, float]
+"""Values of a candidate by parameter name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +49,19 @@ class FamilyCandidate:
 
 
 @dataclass(frozen=True, slots=True)
+class FamilyScene:
+    """What a scenario of a family holds."""
+
+    roads: RoadMap
+    egos: tuple[Ego, ...]
+    vehicles: tuple[BackgroundVehicle, ...] = ()
+    actors: tuple[Actor, ...] = ()
+    rsus: tuple[RoadsideUnit, ...] = ()
+    signals: bool = False
+    """Whether traffic lights run their programs."""
+
+
+@dataclass(frozen=True, slots=True)
 class ScenarioFamily:
     """A kind of situation and how to build one."""
 
@@ -45,9 +69,53 @@ class ScenarioFamily:
     """`Scenario.category` of its scenarios; unique among families."""
     description: str
     parameters: tuple[FamilyParameter, ...]
-    build: Callable[[FamilyCandidate], Scenario]
-    """Return the scenario of a candidate, without time limits. Raises `ProposalRejected` or `NoRoomError` if it is
-    unsound."""
+    stage: Callable[[Values, str], FamilyScene]
+    """Return the scene of a candidate's values and its seed. Raises `ProposalRejected` or `NoRoomError`."""
+
+    def build(self, candidate: FamilyCandidate) -> Scenario:
+        """Return the scenario of a candidate, without time limits.
+
+        Raises `ProposalRejected` or `NoRoomError` if it is not sound: fewer than 2 or more than 12 CAVs, off the road,
+        or road users inside each other. Raises InputError for values out of bounds.
+        """
+        check_candidate(self, candidate)
+        names = [parameter.name for parameter in self.parameters]
+        scene = self.stage(dict(zip(names, candidate.values, strict=True)), candidate.seed)
+        if not LEAST_CAVS <= len(scene.egos) <= MOST_CAVS:
+            raise ProposalRejected(
+                PipelineStage.SOUNDNESS, f"expected {LEAST_CAVS} to {MOST_CAVS} CAVs, found {len(scene.egos)}"
+            )
+        scenario = Scenario(
+            id=candidate.scenario_id,
+            bucket=BUCKET,
+            category=self.category,
+            network=scene.roads.name,
+            description=self.description,
+            signals="program" if scene.signals else "frozen-green",
+            speeds="road",
+            egos=scene.egos,
+            background=Background(vehicles=scene.vehicles),
+            actors=scene.actors,
+            rsus=scene.rsus,
+        )
+        with reject_at(PipelineStage.SOUNDNESS):
+            check_scenario(scenario, scene.roads)
+        if problem := next(_find_contacts(scenario, scene.roads), None):
+            raise ProposalRejected(PipelineStage.SOUNDNESS, f"scenario {scenario.id}: {problem}")
+        return scenario
+
+
+def _find_contacts(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
+    """Return what stands inside a building, and road users inside each other."""
+    for actor in scenario.actors:
+        if isinstance(actor.motion, StandingMotion) and overlaps_building(build_user_box(actor), roads):
+            yield f"{actor.id} stands inside a building"
+    yield from find_spawn_overlaps(scenario, roads)
+
+
+def load_network(name: str) -> RoadMap:
+    """Return a packaged network."""
+    return load_road_map(find_network_folder(name))
 
 
 def check_candidate(family: ScenarioFamily, candidate: FamilyCandidate) -> None:

@@ -16,11 +16,10 @@ from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.generate.hard import families
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily, check_candidate
 from mdrive_sumo.generate.hard.time_limits import set_time_limits
-from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
+from mdrive_sumo.generate.rejection import PipelineStage, reject_at
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error, load_scenario, save_scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.suite import RECIPE_FILE, SCENARIO_FILE, load_suite
-from mdrive_sumo.worlds.placement.cavs import NoRoomError
 
 HARD_GENERATOR = 3
 """Version of the families, incremented whenever the same recipe would make another scenario."""
@@ -112,10 +111,8 @@ def build_candidate(family: ScenarioFamily, candidate: FamilyCandidate) -> Scena
     Files hold rounded coordinates: what the search drives is what a suite will hold. Raises ProposalRejected.
     """
     check_candidate(family, candidate)
-    try:
+    with reject_at(PipelineStage.SPAWNS):
         built = family.build(candidate)
-    except NoRoomError as error:
-        raise ProposalRejected(PipelineStage.SPAWNS, str(error)) from None
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / SCENARIO_FILE
         save_scenario(built, path)

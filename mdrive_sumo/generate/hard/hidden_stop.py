@@ -4,10 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.family import (
+    FamilyParameter,
+    FamilyScene,
+    ScenarioFamily,
+    Values,
+    load_network,
+)
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
 from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_driving_actor, build_rider
@@ -58,7 +62,7 @@ def build_swerving_truck(
     return build_rider("truck", BODIES["truck"], poses, speed)
 
 
-def _build_queue(roads: RoadMap, lanes: Lanes, values: dict[str, float]) -> Iterator[Actor]:
+def _build_queue(roads: RoadMap, lanes: Lanes, values: Values) -> Iterator[Actor]:
     """Return the vehicles that stand in the lane until they start to drive."""
     station = values["queue_at"]
     trigger = TimeTrigger(at_s=values["standing"])
@@ -69,8 +73,8 @@ def _build_queue(roads: RoadMap, lanes: Lanes, values: dict[str, float]) -> Iter
         station += BODY_SIZES[model][0] / 2 + QUEUE_GAP_M + BODY_SIZES["van" if k % 3 == 0 else "car"][0] / 2
 
 
-def _build(candidate: FamilyCandidate) -> Scenario:
-    values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
+def _stage(values: Values, seed: str) -> FamilyScene:
+    roads = load_network(NETWORK)
     right, middle, left = (find_lane_path(roads, f"before_{i}", f"after_{i}") for i in (0, 1, 2))
     side = round(values["truck_side"])
     beside = right if side else left
@@ -90,13 +94,13 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     truck = build_swerving_truck(roads, middle, truck_m, (begin_m, LANE_M if side else -LANE_M), speed)
     actors = (truck, *_build_queue(roads, middle, values))
     flows = (TrafficFlow(right, values["right_flow"], MIXED), TrafficFlow(left, values["left_flow"], CARS))
-    vehicles = build_flows(roads, flows, candidate.seed, (*egos, *actors))
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors))
+    vehicles = build_flows(roads, flows, seed, (*egos, *actors))
+    return FamilyScene(roads, egos, vehicles, actors)
 
 
 FAMILY = ScenarioFamily(
     category="hidden-stop",
     description="Behind a truck that leaves the lane at the last moment, vehicles stand in the bend of a motorway.",
     parameters=PARAMETERS,
-    build=_build,
+    stage=_stage,
 )

@@ -1,9 +1,7 @@
 """Family `motorway-merge`: CAVs come up a ramp behind an earth bank and merge into a motorway at speed."""
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values, load_network
 from mdrive_sumo.roads import find_lane_path
-from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
 from mdrive_sumo.worlds.placement.lane_chains import RouteLaneChange, find_lane_start
 from mdrive_sumo.worlds.streams.lane_flows import CARS, MIXED, TrafficFlow, build_flows
@@ -29,8 +27,8 @@ PARAMETERS = (
 )
 
 
-def _build(candidate: FamilyCandidate) -> Scenario:
-    values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
+def _stage(values: Values, seed: str) -> FamilyScene:
+    roads = load_network(NETWORK)
     right, left = (find_lane_path(roads, f"main_{i}", f"after_{i}") for i in (0, 1))
     ramp = find_lane_path(roads, "ramp_0", "after_0")
     nose_m = find_lane_start(roads, right, "merge_1")
@@ -62,13 +60,13 @@ def _build(candidate: FamilyCandidate) -> Scenario:
         TrafficFlow(left, values["left_flow"], CARS),
         TrafficFlow(ramp[: ramp.index("merge_0")], values["ramp_flow"], CARS),
     )
-    vehicles = build_flows(roads, flows, candidate.seed, egos)
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles))
+    vehicles = build_flows(roads, flows, seed, egos)
+    return FamilyScene(roads, egos, vehicles)
 
 
 FAMILY = ScenarioFamily(
     category="motorway-merge",
     description="CAVs merge from a ramp behind an earth bank into motorway traffic at 22 to 33 m/s.",
     parameters=PARAMETERS,
-    build=_build,
+    stage=_stage,
 )

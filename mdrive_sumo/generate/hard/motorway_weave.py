@@ -1,9 +1,7 @@
 """Family `motorway-weave`: CAVs that enter and CAVs that leave a motorway exchange lanes on a short auxiliary lane."""
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values, load_network
 from mdrive_sumo.roads import find_lane_path
-from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
 from mdrive_sumo.worlds.placement.lane_chains import RouteLaneChange, find_lane_start
 from mdrive_sumo.worlds.streams.lane_flows import CARS, MIXED, TrafficFlow, build_flows
@@ -30,8 +28,8 @@ PARAMETERS = (
 )
 
 
-def _build(candidate: FamilyCandidate) -> Scenario:
-    values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
+def _stage(values: Values, seed: str) -> FamilyScene:
+    roads = load_network(NETWORK)
     enter = find_lane_path(roads, "on_ramp_0", "after_0")
     leave = find_lane_path(roads, "main_0", "off_ramp_0")
     right, left = (find_lane_path(roads, f"main_{i}", f"after_{i}") for i in (0, 1))
@@ -59,13 +57,13 @@ def _build(candidate: FamilyCandidate) -> Scenario:
         ),
     )
     flows = (TrafficFlow(right, values["right_flow"], MIXED), TrafficFlow(left, values["left_flow"], CARS))
-    vehicles = build_flows(roads, flows, candidate.seed, egos)
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles))
+    vehicles = build_flows(roads, flows, seed, egos)
+    return FamilyScene(roads, egos, vehicles)
 
 
 FAMILY = ScenarioFamily(
     category="motorway-weave",
     description="CAVs that enter and CAVs that leave a motorway exchange lanes within 190 m.",
     parameters=PARAMETERS,
-    build=_build,
+    stage=_stage,
 )

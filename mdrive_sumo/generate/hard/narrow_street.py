@@ -2,10 +2,14 @@
 
 from collections.abc import Sequence
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.family import (
+    FamilyParameter,
+    FamilyScene,
+    ScenarioFamily,
+    Values,
+    load_network,
+)
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
 from mdrive_sumo.worlds.placement.lane_chains import Lanes
@@ -44,8 +48,8 @@ def _build_parked_vehicles(
     return rows
 
 
-def _build(candidate: FamilyCandidate) -> Scenario:
-    values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
+def _stage(values: Values, seed: str) -> FamilyScene:
+    roads = load_network(NETWORK)
     east = find_lane_path(roads, "west_eastward_0", "east_eastward_0")
     west = find_lane_path(roads, "east_westward_0", "west_westward_0")
     narrow_m, speed = NARROW_M[0], values["speed"]
@@ -58,15 +62,15 @@ def _build(candidate: FamilyCandidate) -> Scenario:
             Platoon(west, round(values["westward"]), lead_west, GOAL_M, speed, values["west_headway"]),
         ),
     )
-    actors = _build_parked_vehicles(roads, (east, west), values["vans"], values["occupied"], candidate.seed)
+    actors = _build_parked_vehicles(roads, (east, west), values["vans"], values["occupied"], seed)
     flow = TrafficFlow(east, values["flow"], CARS, is_entering=True)
-    vehicles = build_flows(roads, (flow,), candidate.seed, (*egos, *actors))
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, tuple(actors)))
+    vehicles = build_flows(roads, (flow,), seed, (*egos, *actors))
+    return FamilyScene(roads, egos, vehicles, tuple(actors))
 
 
 FAMILY = ScenarioFamily(
     category="narrow-street",
     description="CAVs meet in a village street with two single-lane places and room to wait between them.",
     parameters=PARAMETERS,
-    build=_build,
+    stage=_stage,
 )

@@ -3,26 +3,25 @@
 Two thirds of the sites are farm yards at a fast road, out of which riders of e-scooters come.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import shapely
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values, load_network
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS, Corridor
 from mdrive_sumo.generate.hard.passage_pedestrian import STREETS, build_passage_scene
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
+from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.worlds.placement.bodies import BODIES, build_arrival_trigger, build_crossing_actor
+from mdrive_sumo.worlds.encounters.crossing_users import StepOut
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_mast
 from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
 from mdrive_sumo.worlds.placement.lane_chains import (
     Lanes,
     compute_chain_length,
     compute_pose,
     find_lane_start,
-    find_station,
+    find_station_beside,
 )
 from mdrive_sumo.worlds.placement.parked_vehicles import PAVEMENT_M, FreePlace, build_kerbside
 from mdrive_sumo.worlds.streams.edge_streams import build_traffic
@@ -58,13 +57,8 @@ class _Street:
     goal_m: float
     """Station [m] of the goal of CAV 0."""
 
-    def locate_oncoming(self, station: float) -> float:
-        """Return the station [m] on the oncoming chain beside a station of the own one."""
-        pose = compute_pose(self.roads, self.own, station)
-        return find_station(self.roads, self.oncoming, pose.x, pose.y)
 
-
-def _find_street(values: Mapping[str, float]) -> _Street:
+def _find_street(values: Values) -> _Street:
     corridor_index, segment = SITES[int(values["site"])]
     corridor = CORRIDORS[corridor_index]
     roads = load_network(corridor.network)
@@ -97,13 +91,10 @@ def _find_door(roads: RoadMap, own: Lanes, wanted: float) -> float:
     return wanted
 
 
-def build_occluded_pedestrian(candidate: FamilyCandidate) -> Scenario:
-    """Return the scenario of a candidate: CAV 0 passes the parked row, CAV 1 comes from ahead."""
-    values = read_values(FAMILY, candidate)
+def stage_occluded_pedestrian(values: Values, seed: str) -> FamilyScene:
+    """Return the scene of a candidate: CAV 0 passes the parked row, CAV 1 comes from ahead."""
     if values["site"] >= len(SITES):
-        street_index = (int(values["site"]) - len(SITES)) % len(STREETS)
-        found = build_passage_scene(STREETS[street_index], values, candidate.seed)
-        return build_scenario(FAMILY, candidate, found.roads, found.egos, found.traffic)
+        return build_passage_scene(STREETS[(int(values["site"]) - len(SITES)) % len(STREETS)], values, seed)
     street = _find_street(values)
     roads, places = street.roads, street.places
     start = max(places[0] - values["own_m"], 3.0)
@@ -113,47 +104,38 @@ def build_occluded_pedestrian(candidate: FamilyCandidate) -> Scenario:
     walkers = [_build_pedestrian(street, line[k % len(line)], k, values) for k in range(len(places))]
     model = "bus" if values["bus"] >= 0.5 else "van"
     free = [FreePlace(place, place + values["free_m"], model) for place in places]
-    parked = build_kerbside(roads, street.own, free, (start - 20.0, places[-1] + 60.0), candidate.seed)
+    parked = build_kerbside(roads, street.own, free, (start - 20.0, places[-1] + 60.0), seed)
     left = street.corridor.find_chain(roads, "west", street.corridor.lanes[0])
-    ends = sorted(_locate(street, left, station) for station in (start, places[-1] + 40.0))
-    free_left = [FreePlace(_locate(street, left, place) - 3.0, _locate(street, left, place) + 3.0) for place in places]
-    parked += build_kerbside(roads, left, free_left, (ends[0], ends[1]), candidate.seed)
-    actors = (*walkers, *parked)
-    vehicles = build_traffic(
-        roads, street.corridor.all_streams, round(values["vehicles"]), candidate.seed, (*egos, *walkers)
+    end, begin, *beside = (
+        find_station_beside(roads, left, street.own, station) for station in (start, places[-1] + 40.0, *places)
     )
+    free_left = [FreePlace(station - 3.0, station + 3.0) for station in beside]
+    parked += build_kerbside(roads, left, free_left, (min(begin, end), max(begin, end)), seed)
+    actors = (*walkers, *parked)
+    vehicles = build_traffic(roads, street.corridor.all_streams, round(values["vehicles"]), seed, (*egos, *walkers))
     rsus = _build_masts(street) if values["mast"] >= 0.5 else ()
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, rsus, signals=True))
+    return FamilyScene(roads, egos, vehicles, actors, rsus, signals=True)
 
 
-def _locate(street: _Street, lanes: Lanes, station: float) -> float:
-    pose = compute_pose(street.roads, street.own, station)
-    return find_station(street.roads, lanes, pose.x, pose.y)
-
-
-def _build_pedestrian(street: _Street, cav: Ego, k: int, values: Mapping[str, float]) -> Actor:
+def _build_pedestrian(street: _Street, cav: Ego, k: int, values: Values) -> Actor:
     """Return pedestrian k, who crosses the whole street when the CAV is `lead_m` away from the place on its route."""
-    station = street.places[k]
-    along = station - find_station(street.roads, street.own, cav.start.x, cav.start.y)
     corridor = street.corridor
     width = 2 * len(corridor.lanes) * 3.3 + (6.6 if corridor.network.endswith("arterial") else 0.0)
-    begin = compute_pose(street.roads, street.own, station, -(DOOR_M if values["door"] >= 0.5 else KERB_M))
-    beyond = compute_pose(street.roads, street.own, station, width - 1.65 + 3.0)
-    trigger = build_arrival_trigger(cav, along - values["lead_m"])
-    points = ((begin.x, begin.y), (beyond.x, beyond.y))
-    return build_crossing_actor(f"walker{k}", BODIES["adult"], points, values["walking_speed"], trigger)
+    offsets = (-(DOOR_M if values["door"] >= 0.5 else KERB_M), width - 1.65 + 3.0)
+    step = StepOut(BODIES["adult"], street.places[k], offsets, values["walking_speed"], values["lead_m"])
+    return step.build(street.roads, street.own, f"walker{k}", cav)
 
 
-def _build_oncoming(street: _Street, values: Mapping[str, float], own_m: float) -> list[Ego]:
+def _build_oncoming(street: _Street, values: Values, own_m: float) -> list[Ego]:
     """Return the CAV from ahead that is `witness_m` before the pedestrian when CAV 0 is near; none with masts."""
     if values["mast"] >= 0.5:
         return []
-    place = street.locate_oncoming(street.places[0])
+    place = find_station_beside(street.roads, street.oncoming, street.own, street.places[0])
     front = max(place - values["witness_m"] - own_m * 0.7, 3.0)
     return build_platoon(street.roads, ["oncoming"], street.oncoming, (front, 26.0), (place + 50.0, MEAN_SPEED))
 
 
-def _build_behind(street: _Street, values: Mapping[str, float], start: float) -> list[Ego]:
+def _build_behind(street: _Street, values: Values, start: float) -> list[Ego]:
     count = round(values["cavs"]) - 1 - (values["mast"] < 0.5)
     names = [str(k + 1) for k in range(count)]
     goal = street.goal_m
@@ -162,7 +144,7 @@ def _build_behind(street: _Street, values: Mapping[str, float], start: float) ->
 
 def _build_masts(street: _Street) -> tuple[RoadsideUnit, ...]:
     poses = [compute_pose(street.roads, street.own, place + 9.0, -PAVEMENT_M) for place in street.places]
-    return tuple(RoadsideUnit(id=f"mast{k}", x=pose.x, y=pose.y) for k, pose in enumerate(poses))
+    return tuple(build_mast(f"mast{k}", pose) for k, pose in enumerate(poses))
 
 
 FAMILY = ScenarioFamily(
@@ -192,5 +174,5 @@ FAMILY = ScenarioFamily(
         FamilyParameter("cavs", 2.0, 5.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 140.0, "", "number of reactive vehicles"),
     ),
-    build=build_occluded_pedestrian,
+    stage=stage_occluded_pedestrian,
 )

@@ -3,20 +3,18 @@
 The barns stand close to the road, so a CAV sees into a passage only when it is near.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import shapely
 
 from mdrive_sumo.generate.hard.blind_crossing import STREAMS_BY_NETWORK
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, load_network
-from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
+from mdrive_sumo.generate.hard.family import FamilyScene, Values, load_network
+from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
-from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.worlds.placement.bodies import BODIES, build_arrival_trigger, build_crossing_actor
+from mdrive_sumo.worlds.encounters.crossing_users import StepOut
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_mast
 from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
-from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_station
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_station_beside
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
 WALL_M = 3.65
@@ -86,16 +84,7 @@ def _find_wall_end(roads: RoadMap, houses: shapely.Geometry, lanes: Lanes, stati
     )
 
 
-@dataclass(frozen=True, slots=True)
-class PassageScene:
-    """CAVs and what is around them."""
-
-    roads: RoadMap
-    egos: tuple[Ego, ...]
-    traffic: FamilyTraffic
-
-
-def build_passage_scene(street: PassageStreet, values: Mapping[str, float], seed: str) -> PassageScene:
+def build_passage_scene(street: PassageStreet, values: Values, seed: str) -> FamilyScene:
     """Return the scene of a candidate of `occluded-pedestrian`. Raises ProposalRejected."""
     roads = load_network(street.network)
     own, oncoming = (find_lane_path(roads, *ends) for ends in (street.own, street.oncoming))
@@ -105,8 +94,7 @@ def build_passage_scene(street: PassageStreet, values: Mapping[str, float], seed
     speed = SPEED_FACTOR * values["own_speed"]
     cav = build_cav(roads, "0", own, (start, goal), speed)
     has_witness = values["mast"] < 0.5
-    pose = compute_pose(roads, own, places[0])
-    beside = find_station(roads, oncoming, pose.x, pose.y)
+    beside = find_station_beside(roads, oncoming, own, places[0])
     front = max(beside - values["witness_m"] - (places[0] - start) * 0.7, RIM_M)
     names = ["oncoming"] if has_witness else []
     witnesses = build_platoon(roads, names, oncoming, (front, 26.0), (beside + 40.0, MEAN_SPEED))
@@ -114,17 +102,18 @@ def build_passage_scene(street: PassageStreet, values: Mapping[str, float], seed
     behind = build_platoon(roads, names, own, (start - 30.0, 30.0), (goal, speed))
     line = (cav, *behind)
     egos = (*line, *witnesses)
-    walkers = tuple(
-        _build_rider(street, roads, own, (f"rider{k}", place), line[k % len(line)], values)
+    offsets, rider = (-DEEP_M, street.across_m), (values["riding_speed"], values["lead_m"])
+    riders = tuple(
+        StepOut(BODIES["e-scooter"], place, offsets, *rider).build(roads, own, f"rider{k}", line[k % len(line)])
         for k, place in enumerate(places)
     )
-    vehicles = build_traffic(roads, street.streams, round(values["vehicles"]), seed, (*egos, *walkers))
+    vehicles = build_traffic(roads, street.streams, round(values["vehicles"]), seed, (*egos, *riders))
     poses = [compute_pose(roads, own, place, street.across_m) for place in places]
-    masts = tuple(RoadsideUnit(id=f"mast{k}", x=pose.x, y=pose.y) for k, pose in enumerate(poses))
-    return PassageScene(roads, egos, FamilyTraffic(vehicles, walkers, () if has_witness else masts))
+    masts = tuple(build_mast(f"mast{k}", pose) for k, pose in enumerate(poses))
+    return FamilyScene(roads, egos, vehicles, riders, () if has_witness else masts)
 
 
-def _choose_places(passages: list[float], values: Mapping[str, float]) -> list[float]:
+def _choose_places(passages: list[float], values: Values) -> list[float]:
     """Return the stations [m] of the riders, the first at the share `place` of the passages."""
     if not passages:
         raise ProposalRejected(PipelineStage.WAYS, "expected a passage between houses, found none")
@@ -133,20 +122,3 @@ def _choose_places(passages: list[float], values: Mapping[str, float]) -> list[f
         if station - chosen[-1] >= SPACING_M:
             chosen.append(station)
     return chosen[: round(values["pedestrians"])]
-
-
-def _build_rider(
-    street: PassageStreet,
-    roads: RoadMap,
-    own: Lanes,
-    place: tuple[str, float],
-    cav: Ego,
-    values: Mapping[str, float],
-) -> Actor:
-    """Return a rider who starts because of a CAV; `place`: id and station [m] on the chain."""
-    name, station = place
-    along = station - find_station(roads, own, cav.start.x, cav.start.y)
-    begin, beyond = (compute_pose(roads, own, station, offset) for offset in (-DEEP_M, street.across_m))
-    trigger = build_arrival_trigger(cav, along - values["lead_m"])
-    points = ((begin.x, begin.y), (beyond.x, beyond.y))
-    return build_crossing_actor(name, BODIES["e-scooter"], points, values["riding_speed"], trigger)

@@ -5,15 +5,20 @@ No CAV can: the row hides the cyclist from the road, and the corner house from t
 
 from dataclasses import dataclass
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.family import (
+    FamilyParameter,
+    FamilyScene,
+    ScenarioFamily,
+    Values,
+    load_network,
+)
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS, Corridor
-from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
+from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
+from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.worlds.placement.bodies import BODIES, build_rider
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_mast, build_rider
 from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
 from mdrive_sumo.worlds.placement.lane_chains import (
     Lanes,
@@ -22,6 +27,7 @@ from mdrive_sumo.worlds.placement.lane_chains import (
     compute_pose,
     find_lane_start,
     find_station,
+    find_station_beside,
 )
 from mdrive_sumo.worlds.placement.parked_vehicles import KERB_ROW_M, PAVEMENT_M, ParkedRow, build_parked_row
 from mdrive_sumo.worlds.streams.edge_streams import build_traffic
@@ -73,9 +79,8 @@ def _build_ride(roads: RoadMap, straight: Lanes, between: tuple[float, float]) -
     return [compute_pose(roads, straight, station, -PAVEMENT_M) for station in stations]
 
 
-def build_right_turn_cyclist(candidate: FamilyCandidate) -> Scenario:
-    """Return the scenario of a candidate: CAV 0 turns right, a mast at the corner sees the cyclist."""
-    values = read_values(FAMILY, candidate)
+def stage_right_turn_cyclist(values: Values, seed: str) -> FamilyScene:
+    """Return the scene of a candidate: CAV 0 turns right, a mast at the corner sees the cyclist."""
     corner = _find_corner(values["site"])
     roads = corner.roads
     start = max(corner.crossing_m - values["own_m"], 3.0)
@@ -85,23 +90,18 @@ def build_right_turn_cyclist(candidate: FamilyCandidate) -> Scenario:
     cyclist = _build_cyclist(corner, max(needed_s, 1.0), values["cycling_speed"])
     end = corner.stop_m - values["row_end_m"]
     row = ParkedRow(corner.straight, (max(end - ROW_M, 3.0), end), -KERB_ROW_M, van_share=0.7)
-    parked = build_parked_row(roads, row, candidate.seed, "row")
-    more = round(values["cavs"]) - 1
-    names = [str(k + 1) for k in range(more)]
+    parked = build_parked_row(roads, row, seed, "row")
+    names = [str(k) for k in range(1, round(values["cavs"]))]
     behind = build_platoon(roads, names[::2], corner.turn, (start - 20.0, 20.0), (goal, values["own_speed"]))
     egos = (own, *behind, *_build_oncoming(corner, names[1::2]))
-    streams, count = corner.corridor.all_streams, round(values["vehicles"])
-    vehicles = build_traffic(roads, streams, count, candidate.seed, egos)
-    pose = compute_pose(roads, corner.straight, corner.stop_m + BEYOND_STOP_LINE_M, -PAVEMENT_M)
-    mast = RoadsideUnit(id="mast", x=pose.x, y=pose.y)
-    traffic = FamilyTraffic(vehicles, (cyclist, *parked), (mast,), signals=True)
-    return build_scenario(FAMILY, candidate, roads, egos, traffic)
+    vehicles = build_traffic(roads, corner.corridor.all_streams, round(values["vehicles"]), seed, egos)
+    mast = build_mast("mast", compute_pose(roads, corner.straight, corner.stop_m + BEYOND_STOP_LINE_M, -PAVEMENT_M))
+    return FamilyScene(roads, egos, vehicles, (cyclist, *parked), (mast,), signals=True)
 
 
 def _build_cyclist(corner: _Corner, needed_s: float, speed: float) -> Actor:
     """Return a cyclist who rides from the start on and reaches the crossing after `needed_s`, or as late as it can."""
-    pose = compute_pose(corner.roads, corner.turn, corner.crossing_m)
-    crossing = find_station(corner.roads, corner.straight, pose.x, pose.y)
+    crossing = find_station_beside(corner.roads, corner.straight, corner.turn, corner.crossing_m)
     begin = max(crossing - speed * needed_s, 1.0)
     poses = _build_ride(corner.roads, corner.straight, (begin, crossing + BEYOND_STOP_LINE_M))
     return build_rider("cyclist", BODIES["bicycle"], poses, round(speed, 2))
@@ -110,8 +110,7 @@ def _build_cyclist(corner: _Corner, needed_s: float, speed: float) -> Actor:
 def _build_oncoming(corner: _Corner, names: list[str]) -> list[Ego]:
     roads, lane = corner.roads, corner.corridor.lanes[-1]
     lanes = corner.corridor.find_chain(roads, "west", lane)
-    pose = compute_pose(roads, corner.straight, corner.stop_m)
-    beside = find_station(roads, lanes, pose.x, pose.y)
+    beside = find_station_beside(roads, lanes, corner.straight, corner.stop_m)
     return build_platoon(roads, names, lanes, (max(beside - 80.0, 3.0), 22.0), (beside + 50.0, 11.0))
 
 
@@ -128,5 +127,5 @@ FAMILY = ScenarioFamily(
         FamilyParameter("cavs", 2.0, 5.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 120.0, "", "number of reactive vehicles"),
     ),
-    build=build_right_turn_cyclist,
+    stage=stage_right_turn_cyclist,
 )

@@ -1,14 +1,14 @@
 """Entry into a roundabout of two lanes whose planted island and corner houses hide the traffic in the ring."""
 
 from mdrive_sumo.generate.hard.family import (
-    FamilyCandidate,
     FamilyParameter,
+    FamilyScene,
     ScenarioFamily,
+    Values,
     build_encounter_parameters,
+    load_network,
 )
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.worlds.encounters.hidden_vehicle import Encounter, place_encounter
 from mdrive_sumo.worlds.placement.lane_chains import Lanes
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
@@ -26,9 +26,9 @@ STREAMS_BY_ARM = {
 }
 
 
-def build_roundabout_entry(candidate: FamilyCandidate) -> Scenario:
-    """Return the scenario of a candidate: CAV 0 enters, the hidden vehicle comes round the island, CAV 1 behind it."""
-    values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
+def stage_roundabout_entry(values: Values, seed: str) -> FamilyScene:
+    """Return the scene of a candidate: CAV 0 enters, the hidden vehicle comes round the island, CAV 1 behind it."""
+    roads = load_network(NETWORK)
     arm = min(int(values["arm"]), 3)
     lane = 0 if values["inner"] < 0.5 else 1
     own = _find_way(roads, arm, lane, 2)
@@ -36,9 +36,8 @@ def build_roundabout_entry(candidate: FamilyCandidate) -> Scenario:
     hidden = _find_way(roads, (arm - back) % 4, lane, 1 + back)
     placed = place_encounter(roads, Encounter(own, hidden, hidden, MEAN_SPEED, MEAN_SPEED), values)
     streams = tuple(STREAMS_BY_ARM[ARMS[k]] for k in range(4) if k != arm)
-    vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, (*placed.egos, *placed.actors))
-    traffic = FamilyTraffic(vehicles, placed.actors, placed.rsus)
-    return build_scenario(FAMILY, candidate, roads, placed.egos, traffic)
+    vehicles = build_traffic(roads, streams, round(values["vehicles"]), seed, (*placed.egos, *placed.actors))
+    return FamilyScene(roads, placed.egos, vehicles, placed.actors, placed.rsus)
 
 
 def _find_way(roads: RoadMap, arm: int, lane: int, arms: int) -> Lanes:
@@ -58,5 +57,5 @@ FAMILY = ScenarioFamily(
         FamilyParameter("cavs", 2.0, 6.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 70.0, "", "number of reactive vehicles"),
     ),
-    build=build_roundabout_entry,
+    stage=stage_roundabout_entry,
 )

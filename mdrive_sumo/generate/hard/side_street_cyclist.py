@@ -3,21 +3,24 @@
 Cyclists of 6 to 9 m/s ride pedelecs.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-import shapely
-
 from mdrive_sumo.generate.hard.blind_crossing import STREAMS_BY_NETWORK
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values, load_network
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
+from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.worlds.placement.bodies import BODIES, build_rider
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_mast, build_rider
 from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
-from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_station
+from mdrive_sumo.worlds.placement.lane_chains import (
+    Lanes,
+    build_pose_line,
+    compute_chain_length,
+    compute_pose,
+    find_station,
+    find_station_beside,
+)
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
 
@@ -104,19 +107,16 @@ def _find_exit(street: _Street, wall_m: float) -> _Exit:
     entry = roads.lanes[street.own[0]].centre
     mouth = find_station(roads, near, *entry.xy[-1])
     stations = [mouth + STEP_M * k for k in range(-6, 7)]
-    ride = shapely.LineString([(p.x, p.y) for p in (compute_pose(roads, near, s, -ride_m) for s in stations)])
-    drive = shapely.LineString(
-        [(p.x, p.y) for p in (compute_pose(roads, own, entry.length - 8.0 + k) for k in range(24))]
-    )
+    ride = build_pose_line([compute_pose(roads, near, s, -ride_m) for s in stations])
+    drive = build_pose_line([compute_pose(roads, own, entry.length - 8.0 + k) for k in range(24)])
     met = ride.intersection(drive).centroid
     return _Exit(
         roads, own, near, far, find_station(roads, own, met.x, met.y), find_station(roads, near, met.x, met.y), ride_m
     )
 
 
-def build_side_street_cyclist(candidate: FamilyCandidate) -> Scenario:
-    """Return the scenario of a candidate: CAV 0 leaves the side street, CAV 1 on the main street sees the cyclist."""
-    values = read_values(FAMILY, candidate)
+def stage_side_street_cyclist(values: Values, seed: str) -> FamilyScene:
+    """Return the scene of a candidate: CAV 0 leaves the side street, CAV 1 on the main street sees the cyclist."""
     street = SITES[min(int(values["site"]), len(SITES) - 1)]
     found = _find_exit(street, values["wall_m"])
     roads = found.roads
@@ -128,21 +128,18 @@ def build_side_street_cyclist(candidate: FamilyCandidate) -> Scenario:
         _build_cyclist(found, f"cyclist{k}", needed_s + k * values["headway_s"], values)
         for k in range(round(values["cyclists"]))
     ]
-    count = round(values["cavs"]) - 1
     witnesses = 0 if values["mast"] >= 0.5 else 1
-    names = [str(k + 1) for k in range(count)]
+    names = [str(k) for k in range(1, round(values["cavs"]))]
     drive = (goal, values["own_speed"])
     behind = build_platoon(roads, names[witnesses:], found.own, (start - 18.0, 18.0), drive)
     egos = (own, *behind, *_build_on_main(found, names[:witnesses], values["witness_m"]))
-    vehicles = build_traffic(roads, street.streams, round(values["vehicles"]), candidate.seed, egos)
-    pose = compute_pose(roads, found.near, found.near_m, 12.0)
-    rsus = (RoadsideUnit(id="mast", x=pose.x, y=pose.y),) if values["mast"] >= 0.5 else ()
-    return build_scenario(
-        FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, tuple(cyclists), rsus, street is not ALLEY)
-    )
+    vehicles = build_traffic(roads, street.streams, round(values["vehicles"]), seed, egos)
+    mast = build_mast("mast", compute_pose(roads, found.near, found.near_m, 12.0))
+    rsus = (mast,) if values["mast"] >= 0.5 else ()
+    return FamilyScene(roads, egos, vehicles, tuple(cyclists), rsus, street is not ALLEY)
 
 
-def _build_cyclist(found: _Exit, name: str, needed_s: float, values: Mapping[str, float]) -> Actor:
+def _build_cyclist(found: _Exit, name: str, needed_s: float, values: Values) -> Actor:
     """Return a cyclist who rides on the pavement from the start on and reaches the crossing after `needed_s`."""
     speed = values["cycling_speed"]
     sign = -1.0 if values["from_right"] >= 0.5 else 1.0
@@ -156,8 +153,7 @@ def _build_cyclist(found: _Exit, name: str, needed_s: float, values: Mapping[str
 
 def _build_on_main(found: _Exit, names: list[str], witness_m: float) -> list[Ego]:
     """Return CAVs on the far side of the main street, the first `witness_m` before the side street."""
-    pose = compute_pose(found.roads, found.near, found.near_m)
-    beside = find_station(found.roads, found.far, pose.x, pose.y)
+    beside = find_station_beside(found.roads, found.far, found.near, found.near_m)
     front = max(beside - witness_m, 3.0)
     goal = min(beside + 60.0, compute_chain_length(found.roads, found.far) - 3.0)
     return build_platoon(found.roads, names, found.far, (front, 24.0), (goal, 10.0))
@@ -183,5 +179,5 @@ FAMILY = ScenarioFamily(
         FamilyParameter("cavs", 2.0, 8.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 100.0, "", "number of reactive vehicles"),
     ),
-    build=build_side_street_cyclist,
+    stage=stage_side_street_cyclist,
 )

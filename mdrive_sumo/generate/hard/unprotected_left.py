@@ -1,22 +1,20 @@
 """Left turn across oncoming traffic of 70 km/h that trucks in the opposite left-turn lane hide."""
 
 import random
-from collections.abc import Mapping
 
-from mdrive_sumo.core import portable
 from mdrive_sumo.generate.hard.family import (
-    FamilyCandidate,
     FamilyParameter,
+    FamilyScene,
     ScenarioFamily,
+    Values,
     build_encounter_parameters,
+    load_network,
 )
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.encounters.hidden_vehicle import Encounter, place_encounter
-from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_parked_vehicle
+from mdrive_sumo.worlds.placement.bodies import build_parked_vehicle, space_vehicles
+from mdrive_sumo.worlds.placement.lane_chains import build_pose
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
 NETWORK = "hard_arterial"
@@ -33,9 +31,9 @@ TRUCK_GAP_M = 1.5
 """[m] Between the waiting trucks."""
 
 
-def build_unprotected_left(candidate: FamilyCandidate) -> Scenario:
-    """Return the scenario of a candidate: CAV 0 turns left, CAV 1 drives beside and behind the hidden vehicle."""
-    values, roads, rng = read_values(FAMILY, candidate), load_network(NETWORK), random.Random(candidate.seed)
+def stage_unprotected_left(values: Values, seed: str) -> FamilyScene:
+    """Return the scene of a candidate: CAV 0 turns left, CAV 1 drives beside and behind the hidden vehicle."""
+    roads, rng = load_network(NETWORK), random.Random(seed)
     lane = rng.choice((2, 2, 1))
     encounter = Encounter(
         own=find_lane_path(roads, "east_0_3", "north_1_out_2"),
@@ -47,25 +45,20 @@ def build_unprotected_left(candidate: FamilyCandidate) -> Scenario:
     placed = place_encounter(roads, encounter, values)
     egos = placed.egos
     actors = (*placed.actors, *_build_trucks(roads, round(values["trucks"]), values))
-    vehicles = build_traffic(roads, STREAMS, round(values["vehicles"]), candidate.seed, (*egos, *actors))
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, signals=True))
+    vehicles = build_traffic(roads, STREAMS, round(values["vehicles"]), seed, (*egos, *actors))
+    return FamilyScene(roads, egos, vehicles, actors, signals=True)
 
 
-def _build_trucks(roads: RoadMap, count: int, values: Mapping[str, float]) -> list[Actor]:
+def _build_trucks(roads: RoadMap, count: int, values: Values) -> list[Actor]:
     """Return trucks in the opposite left-turn lane, the first of them with its front `truck_ahead_m` past the line.
 
     It waits with straight wheels, as drivers are taught, `truck_aside_m` to the right of its lane's centre.
     """
-    centre, length = roads.lanes["west_1_3"].centre, BODY_SIZES["truck"][0]
-    front, made = centre.length + values["truck_ahead_m"], list[Actor]()
-    aside = values["truck_aside_m"]
-    for i in range(count):
-        (x, y), yaw = centre.at(front - length / 2), centre.yaw_at(centre.length)
-        x, y = x + aside * portable.sin(yaw), y - aside * portable.cos(yaw)
-        pose = Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))
-        made.append(build_parked_vehicle(f"truck{i}", "truck", pose))
-        front -= length + TRUCK_GAP_M
-    return made
+    centre = roads.lanes["west_1_3"].centre
+    places = space_vehicles(["truck"] * count, centre.length + values["truck_ahead_m"], TRUCK_GAP_M)
+    yaw, aside = centre.yaw_at(centre.length), values["truck_aside_m"]
+    poses = [build_pose(*centre.at(middle), yaw, -aside) for _, middle in places]
+    return [build_parked_vehicle(f"truck{i}", "truck", pose) for i, pose in enumerate(poses)]
 
 
 FAMILY = ScenarioFamily(
@@ -79,5 +72,5 @@ FAMILY = ScenarioFamily(
         FamilyParameter("cavs", 2.0, 6.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 90.0, "", "number of reactive vehicles"),
     ),
-    build=build_unprotected_left,
+    stage=stage_unprotected_left,
 )

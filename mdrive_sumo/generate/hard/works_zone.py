@@ -2,14 +2,17 @@
 
 from collections.abc import Iterator
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_scenario import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.family import (
+    FamilyParameter,
+    FamilyScene,
+    ScenarioFamily,
+    Values,
+    load_network,
+)
 from mdrive_sumo.roads import find_lane_path
-from mdrive_sumo.scenario.props import PROPS
-from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_parked_vehicle
+from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_actor, build_parked_vehicle
 from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
 from mdrive_sumo.worlds.placement.lane_chains import find_lane_start
 from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow, build_flows
@@ -45,22 +48,13 @@ def build_site(trucks: int, first: float) -> Iterator[Actor]:
     for k in range(trucks):
         x = SITE_M[0] + first * free + (k + 0.5) * length
         yield build_parked_vehicle(f"truck{k}", "truck", Pose(x=round(x, 3), y=TRUCK_Y_M, yaw=0.0), mirrored=False)
-    prop = PROPS["barrier"]
     for k in range(int((SITE_M[1] - SITE_M[0]) / BARRIER_PITCH_M) + 1):
         pose = Pose(x=SITE_M[0] + k * BARRIER_PITCH_M, y=BARRIER_Y_M, yaw=0.0)
-        yield Actor(
-            id=f"barrier{k}",
-            kind=prop.kind,
-            model="barrier",
-            length=prop.length,
-            width=prop.width,
-            start=pose,
-            mirrored=False,
-        )
+        yield build_actor(f"barrier{k}", BODIES["barrier"], pose, mirrored=False)
 
 
-def _build(candidate: FamilyCandidate) -> Scenario:
-    values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
+def _stage(values: Values, seed: str) -> FamilyScene:
+    roads = load_network(NETWORK)
     east = find_lane_path(roads, "west_in_0", "east_out_0")
     west = find_lane_path(roads, "east_in_0", "west_out_0")
     dues = (values["arrival"], values["arrival"] + values["offset"])
@@ -81,13 +75,13 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     egos = build_platoons(roads, platoons)
     actors = tuple(build_site(round(values["trucks"]), values["first_truck"]))
     flow = TrafficFlow(east, values["flow"], CARS, is_entering=True)
-    vehicles = build_flows(roads, (flow,), candidate.seed, egos)
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors))
+    vehicles = build_flows(roads, (flow,), seed, egos)
+    return FamilyScene(roads, egos, vehicles, actors)
 
 
 FAMILY = ScenarioFamily(
     category="works-zone",
     description="CAVs of both directions share one lane beside road works; bends between hedges hide who comes.",
     parameters=PARAMETERS,
-    build=_build,
+    stage=_stage,
 )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.worlds.placement.bodies import build_driving_actor
+from mdrive_sumo.worlds.placement.bodies import build_driving_actor, build_mast
 from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_conflict
 
@@ -77,6 +77,5 @@ def place_encounter(roads: RoadMap, encounter: Encounter, values: Mapping[str, f
         lines += ((encounter.witness, witness_m, witness_goal, encounter.follower_speed, names[1::2]),)
     for lanes, front, goal, line_speed, line in lines:
         egos += build_platoon(roads, line, lanes, (front - FOLLOWER_GAP_M, FOLLOWER_GAP_M), (goal, line_speed))
-    pose = compute_pose(roads, encounter.own, at_own, MAST_M)
-    rsus = () if has_witness else (RoadsideUnit(id="rsu", x=pose.x, y=pose.y),)
+    rsus = () if has_witness else (build_mast("rsu", compute_pose(roads, encounter.own, at_own, MAST_M)),)
     return PlacedEncounter(tuple(egos), tuple(actors), rsus)

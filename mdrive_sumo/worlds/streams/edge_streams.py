@@ -15,7 +15,7 @@ from mdrive_sumo.worlds.placement.background_vehicles import (
     find_next_edges,
     number_vehicles,
 )
-from mdrive_sumo.worlds.placement.bodies import BODY_SIZES
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, space_vehicles
 from mdrive_sumo.worlds.placement.lane_chains import compute_pose
 from mdrive_sumo.worlds.placement.occupancy import build_box, build_user_box
 
@@ -144,11 +144,10 @@ def build_standing_queue(
     roads: RoadMap, lane: str, edges: tuple[str, ...], models: Sequence[str], end_gap_m: float, prefix: str
 ) -> tuple[BackgroundVehicle, ...]:
     """Return a queue of reactive vehicles that stand at the start, the first `end_gap_m` before the lane's end."""
-    front, made = roads.lanes[lane].centre.length - end_gap_m, list[BackgroundVehicle]()
-    for model in models:
-        length = BODY_SIZES[model][0]
-        if front < length + 1.0:
+    made: list[BackgroundVehicle] = []
+    for model, middle in space_vehicles(models, roads.lanes[lane].centre.length - end_gap_m, QUEUE_GAP_M):
+        front = middle + BODY_SIZES[model][0] / 2
+        if front < BODY_SIZES[model][0] + 1.0:
             break
         made.append(build_background_vehicle(model, edges, roads.lanes[lane].index, depart_pos_m=front))
-        front -= length + QUEUE_GAP_M
     return number_vehicles(made, prefix)

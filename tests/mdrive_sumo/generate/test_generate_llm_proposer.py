@@ -16,9 +16,9 @@ from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.llm_answer import load_demonstrations, parse_proposal
 from mdrive_sumo.generate.llm_prompt import RULES_IN_WORDS, TERMS, build_prompt
 from mdrive_sumo.generate.llm_proposer import LlmSettings, propose, transcript_path
-from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.proposal import ConstraintType, Proposal
 from mdrive_sumo.generate.recipe import Recipe
+from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.rules import RULES
 from mdrive_sumo.generate.template_proposer import propose as from_template
 from mdrive_sumo.scenario.categories import LEVELS

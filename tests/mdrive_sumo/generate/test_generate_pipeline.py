@@ -17,9 +17,10 @@ from mdrive_sumo.generate import generation_search, pipeline
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.generated_suite import load_packaged_generated, write_generated_suite
 from mdrive_sumo.generate.generation_search import MAX_TRIES, WEATHER, GenerationAttempt, GenerationRequest
-from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected, build_scenario, screen_candidate
+from mdrive_sumo.generate.pipeline import build_scenario, screen_candidate
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
 from mdrive_sumo.generate.recipe import Recipe
+from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.rules import find_rule_violations
 from mdrive_sumo.generate.screening import ScreeningResult
 from mdrive_sumo.generate.template_proposer import propose

@@ -9,11 +9,10 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.hard.families import FAMILIES
-from mdrive_sumo.generate.hard.family import BUCKET, FamilyCandidate, ScenarioFamily
-from mdrive_sumo.generate.hard.family_scenario import load_network
+from mdrive_sumo.generate.hard.family import BUCKET, FamilyCandidate, ScenarioFamily, load_network
 from mdrive_sumo.generate.hard.passage_pedestrian import DEEP_M, STREETS, WALL_M, PassageStreet, find_passages
 from mdrive_sumo.generate.network_choice import is_hard_tier
-from mdrive_sumo.generate.pipeline import ProposalRejected
+from mdrive_sumo.generate.rejection import ProposalRejected
 from mdrive_sumo.roads import find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario

@@ -10,18 +10,15 @@ import shapely
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.core.state import Actors
 from mdrive_sumo.generate.hard import (
-    emergency_vehicle,
     hidden_stop,
-    mixed_crossing,
     motorway_merge,
     motorway_weave,
     narrow_street,
-    platoon_crossing,
+    priority_crossings,
     works_zone,
 )
-from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
-from mdrive_sumo.generate.hard.family_scenario import load_network
-from mdrive_sumo.generate.pipeline import ProposalRejected
+from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily, load_network
+from mdrive_sumo.generate.rejection import ProposalRejected
 from mdrive_sumo.roads import find_lane_path
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle, CarFollowing
 from mdrive_sumo.scenario.scenario import Scenario
@@ -29,18 +26,15 @@ from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.worlds.placement.cavs import NoRoomError
 from mdrive_sumo.worlds.streams.lane_flows import MIXED, TrafficFlow, build_flows
 
-FAMILIES: Sequence[ScenarioFamily] = tuple(
-    module.FAMILY
-    for module in (
-        emergency_vehicle,
-        hidden_stop,
-        mixed_crossing,
-        motorway_merge,
-        motorway_weave,
-        narrow_street,
-        platoon_crossing,
-        works_zone,
-    )
+FAMILIES: Sequence[ScenarioFamily] = (
+    priority_crossings.AMBULANCE_FAMILIES[0],
+    hidden_stop.FAMILY,
+    priority_crossings.MIXED_FAMILIES[0],
+    motorway_merge.FAMILY,
+    motorway_weave.FAMILY,
+    narrow_street.FAMILY,
+    priority_crossings.PLATOON_FAMILIES[0],
+    works_zone.FAMILY,
 )
 
 

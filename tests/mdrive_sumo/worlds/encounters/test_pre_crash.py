@@ -12,9 +12,10 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate import pre_crash_typologies
 from mdrive_sumo.generate.built_in_drive import drive_episode
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected, build_scenario
+from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import Recipe
+from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.rules import find_rule_violations
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import Lane, RoadMap, find_network_folder, load_road_map

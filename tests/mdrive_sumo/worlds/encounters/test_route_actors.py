@@ -10,8 +10,9 @@ import shapely
 
 from mdrive_sumo.core.geometry import boxes_corners
 from mdrive_sumo.generate.category_requirements import Category
-from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
+from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.recipe import Recipe
+from mdrive_sumo.generate.rejection import ProposalRejected
 from mdrive_sumo.generate.screening import screen_scenario
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.roads import find_network_folder, load_road_map
