@@ -4,12 +4,15 @@ The real V2XPnP logs cannot be shipped, and these are no copies of them: places,
 noise (`writers.observation_noise`) and traffic density are alike.
 """
 
+import math
+import random
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
@@ -19,14 +22,17 @@ from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background
-from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
+from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.v2x.comm_settings import PRESETS
+from mdrive_sumo.worlds.lane_routes import find_lane_routes, locate_junction
+from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
+from mdrive_sumo.worlds.placement.lane_chains import build_route_line
+from mdrive_sumo.worlds.streams.near_traffic import TrafficRequest, build_near_traffic
 from real2sim.writers.episode_recording import record_episode
 from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp
 from tools.synthetic_recordings.scripted_people import PopulationCounts, build_people
-from tools.synthetic_recordings.traffic import build_cavs, build_traffic
 
 BUCKET, CATEGORY = "V2XPnP", "synthetic"
 DRIVER = "single"
@@ -43,6 +49,14 @@ LONG_M, LONG_COST = 42.0, 3.0
 on average.
 """
 
+TURNING_SHARE = 0.75
+"""Share of CAVs that turn."""
+START_M, LEAST_START_M = (10.0, 35.0), 5.0
+"""[m] Distance of CAV starts from the junction; least distance of starts and goals from the ends of a route."""
+START_MPS = 5.0
+APART_M = 14.0
+"""[m] From a CAV to any other one at the start."""
+
 
 @dataclass(frozen=True)
 class RecordingSite:
@@ -56,8 +70,8 @@ class RecordingSite:
 
 
 RECORDING_SITES = {
-    "crossing": RecordingSite("city_crossing", ((16.0, 17.0), (-16.0, -17.0)), 20, PopulationCounts(20, 5, 7, 5, 25)),
-    "corridor": RecordingSite("city_corridor", ((-40.0, -1.0), (40.0, 2.0)), 20, PopulationCounts(23, 5, 7, 6, 28)),
+    "crossing": RecordingSite("city_crossing", ((16.0, 17.0), (-16.0, -17.0)), 28, PopulationCounts(20, 5, 7, 5, 0.45)),
+    "corridor": RecordingSite("city_corridor", ((-40.0, -1.0), (40.0, 2.0)), 28, PopulationCounts(23, 5, 7, 6, 0.35)),
 }
 
 
@@ -70,14 +84,38 @@ class RecordedDrive:
     episode: EpisodeRecord
 
 
+def build_cavs(roads: RoadMap, count: int, rng: random.Random) -> tuple[Ego, ...]:
+    """Build CAVs well apart before junctions, on roads of one axis: lights then release them together."""
+    found: list[Ego] = []
+    while len(found) < count:
+        turns = rng.random() < TURNING_SHARE
+        way = rng.choice([way for way in find_lane_routes(roads) if (way.turn in ("left", "right")) == turns])
+        start = max(locate_junction(roads, way)[0] - rng.uniform(*START_M), LEAST_START_M)
+        spawn = SpawnPoint(start, build_route_line(roads, way.lanes).last_m - LEAST_START_M)
+        ego = build_spawned_cav(roads, str(len(found)), way, spawn, 0.0)
+        if all(_is_apart(ego, other) and _share_axis(ego, other) for other in found):
+            found.append(ego.model_copy(update={"start_speed": START_MPS}))
+    return tuple(found)
+
+
+def _is_apart(one: Ego, other: Ego) -> bool:
+    return portable.hypot(one.start.x - other.start.x, one.start.y - other.start.y) > APART_M
+
+
+def _share_axis(one: Ego, other: Ego) -> bool:
+    return abs(portable.cos(one.start.yaw - other.start.yaw)) > portable.cos(math.pi / 4)
+
+
 def record_drive(place: str, number: int, count: int, seed: int) -> RecordedDrive:
     """Record a drive of `count` CAVs in dense traffic at one of `RECORDING_SITES`."""
     where = RECORDING_SITES[place]
     roads = load_road_map(find_network_folder(where.network))
     name = f"{place}_{number:03d}"
-    rng = np.random.default_rng(derive_seed(seed, "synthetic", name))
+    rng = random.Random(derive_seed(seed, "synthetic", name))
     egos = build_cavs(roads, count, rng)
-    until_s = LATEST_START_S + WINDOW_S
+    people = build_people(roads, where.people, LATEST_START_S + WINDOW_S, rng)
+    request = TrafficRequest(queue=0, others=where.vehicles, is_jammed=True)
+    vehicles = build_near_traffic(roads, egos, people, request, rng)
     scenario = Scenario(
         id=name,
         bucket=BUCKET,
@@ -85,8 +123,8 @@ def record_drive(place: str, number: int, count: int, seed: int) -> RecordedDriv
         network=where.network,
         signals="program",
         egos=egos,
-        background=Background(vehicles=build_traffic(roads, egos, where.vehicles, until_s, rng)),
-        actors=build_people(roads, where.people, until_s, rng),
+        background=Background(vehicles=vehicles),
+        actors=people,
         rsus=tuple(RoadsideUnit(id=f"post{n}", x=x, y=y) for n, (x, y) in enumerate(where.stations)),
     )
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in egos}

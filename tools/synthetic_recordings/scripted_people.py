@@ -1,35 +1,33 @@
-"""Pedestrians, cyclists and parked vehicles: scripted actors beside the lanes, drawn at random.
+"""Pedestrians, cyclists and parked vehicles of a synthetic recording: scripted actors beside the lanes.
 
 Pedestrians walk on pavements, stand at corners, and use crossings when lights allow it, or at any time without lights;
-then they stand. Cyclists ride along kerbs without parked vehicles.
+then they stand. Cyclists ride along kerbs without parked vehicles. Both networks have the same cross-section on every
+road: car lanes, 2.2 m of parking, a pavement of 2.5 m (`networks/city_crossing`, `networks/city_corridor`).
 """
 
+import math
+import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario_part import Pose
-from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, ReplayMotion, StandingMotion, TimeTrigger
-from tools.synthetic_recordings.roadside_poses import (
-    RoadsidePose,
-    SignalledCrossing,
-    compute_cycling_pose,
-    compute_parking_pose,
-    compute_walking_pose,
-    find_crossings,
-    find_kerb_lanes,
-)
+from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion, TimeTrigger
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_rider
+from mdrive_sumo.worlds.placement.lane_chains import build_pose, compute_lane_pose
+from mdrive_sumo.worlds.placement.parked_vehicles import ParkedRow, build_parked_row
+from mdrive_sumo.worlds.signalled_crossings import SignalledCrossing, find_signalled_crossings
 
+PARKING_M, PAVEMENT_M = 2.2, 2.5
+"""Widths in the recipes of the networks."""
+RIDE_M = 0.6
+"""[m] Distance of cyclists from the lane's edge, in the empty parking strip."""
 STEP_M = 3.0
 """[m] Between points of a path."""
-BOX_M = {"pedestrian": (0.5, 0.6), "cyclist": (1.8, 0.6)}
-"""[m] Length and width."""
-BAY_M = 6.8
-"""[m] Kerb length per parked vehicle."""
 CLEAR_M = 12.0
 """[m] No parking this close to a junction."""
 VAN_SHARE = 0.15
@@ -46,137 +44,92 @@ class PopulationCounts:
     waiting: int
     crossing: int
     cyclists: int
-    parked: int
+    parked_share: float
+    """Share of the parking places that are taken."""
 
 
-def build_people(
-    roads: RoadMap, count: PopulationCounts, until_s: float, rng: np.random.Generator
-) -> tuple[Actor, ...]:
+def find_kerb_lanes(roads: RoadMap) -> list[Lane]:
+    """Return the rightmost car lane of every road."""
+    return [lane for lane in roads.driving if not lane.junction and not lane.right]
+
+
+def compute_walking_pose(lane: Lane, s: float, aside: float) -> Pose:
+    """Return a pose on the pavement, `aside` from -1 (at the kerb) to 1 (at the houses)."""
+    return compute_lane_pose(lane, s, -(lane.width / 2 + PARKING_M + PAVEMENT_M / 2 * (1 + 0.8 * aside)))
+
+
+def build_people(roads: RoadMap, count: PopulationCounts, until_s: float, rng: random.Random) -> tuple[Actor, ...]:
     """Build all of them; `until_s` [s] is the latest time at which a pedestrian begins to cross."""
     lanes = find_kerb_lanes(roads)
-    strips = {lanes[i].id for i in rng.choice(len(lanes), size=max(len(lanes) // 4, 2), replace=False).tolist()}
+    strips = {lane.id for lane in rng.sample(lanes, max(len(lanes) // 4, 2))}
+    cycle_lanes = [lane for lane in lanes if lane.id in strips]
+    crossings = find_signalled_crossings(roads)
+    seed = str(rng.getrandbits(64))
+    rows = [
+        ParkedRow((lane.id,), (CLEAR_M, lane.centre.length - CLEAR_M), offset, VAN_SHARE, count.parked_share)
+        for lane in lanes
+        if lane.id not in strips
+        for offset in (-(lane.width + PARKING_M) / 2,)
+    ]
     return (
-        *_build_walkers(lanes, count.walkers, rng),
-        *_build_waiting(lanes, count.waiting, rng),
-        *_build_crossing(find_crossings(roads), count.crossing, until_s, rng),
-        *_build_cyclists([lane for lane in lanes if lane.id in strips], count.cyclists, until_s, rng),
-        *_build_parked([lane for lane in lanes if lane.id not in strips], count.parked, rng),
+        *(_build_walker(f"walker{n}", rng.choice(lanes), rng) for n in range(count.walkers)),
+        *(_build_waiting(f"waiting{n}", rng.choice(lanes), rng) for n in range(count.waiting)),
+        *(_build_crossing(f"crossing{n}", rng.choice(crossings), until_s, rng) for n in range(count.crossing)),
+        *_build_cyclists(cycle_lanes, count.cyclists, until_s, rng),
+        *(car for n, row in enumerate(rows) for car in build_parked_row(roads, row, seed, f"parked{n}.")),
     )
 
 
-def _build_moving_actor(
-    name: str, kind: str, places: Sequence[RoadsidePose], speed: float, start_s: float | None = None
-) -> Actor:
-    """Build an actor on a path that moves from the start or from a given time."""
-    x, y, yaw = places[0]
-    length, width = BOX_M[kind]
-    return Actor.model_validate(
-        {
-            "id": name,
-            "kind": kind,
-            "length": length,
-            "width": width,
-            "start": Pose(x=x, y=y, yaw=yaw),
-            "motion": PathMotion(
-                points=tuple(place[:2] for place in places), speed=speed, start_speed=speed if start_s is None else 0.0
-            ),
-            "trigger": None if start_s is None else TimeTrigger(at_s=start_s),
-        }
-    )
-
-
-def _build_walkers(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Iterator[Actor]:
-    for n in range(count):
-        lane = lanes[int(rng.integers(len(lanes)))]
-        aside = float(rng.uniform(-1.0, 1.0))
-        speed = round(float(np.clip(rng.normal(1.3, 0.2), 0.7, 1.9)), 2)
-        begin = float(rng.uniform(3.0, lane.centre.length - 3.0))
-        ahead = bool(rng.random() < 0.5)
-        ends = (lane.centre.length - 1.0, 1.0) if ahead else (1.0, lane.centre.length - 1.0)
-        stations = [begin, *_compute_stations(begin, *ends, ends[0])]
-        places = [compute_walking_pose(lane, s, aside) for s in stations]
-        yaw = places[0][2] + (0.0 if ahead else np.pi)
-        yield _build_moving_actor(
-            f"walker{n}", "pedestrian", [(*places[0][:2], round(float(yaw), 4)), *places[1:]], speed
-        )
-
-
-def _compute_stations(*turns: float) -> list[float]:
-    """Return stations from the first turning point to the last; walking beyond the path would lead onto the road."""
-    return [s for begin, end in pairwise(turns) for s in _space_stations(begin, end)[1:]]
+def _build_walker(name: str, lane: Lane, rng: random.Random) -> Actor:
+    """Return a pedestrian who walks up and down; walking beyond the path would lead onto the road."""
+    aside, speed = rng.uniform(-1.0, 1.0), round(rng.triangular(0.7, 1.9, 1.3), 2)
+    begin, far, near = rng.uniform(3.0, lane.centre.length - 3.0), lane.centre.length - 1.0, 1.0
+    is_ahead = rng.random() < 0.5
+    turns = (begin, far, near, far) if is_ahead else (begin, near, far, near)
+    stations = [begin, *(s for ends in pairwise(turns) for s in _space_stations(*ends)[1:])]
+    first, *others = (compute_walking_pose(lane, s, aside) for s in stations)
+    first = build_pose(first.x, first.y, first.yaw + (0.0 if is_ahead else math.pi))
+    return build_rider(name, BODIES["adult"], (first, *others), speed)
 
 
 def _space_stations(begin: float, end: float) -> list[float]:
     return np.linspace(begin, end, max(round(abs(end - begin) / STEP_M), 1) + 1).tolist()
 
 
-def _build_waiting(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Iterator[Actor]:
-    """Yield standing pedestrians, most of them near a junction."""
-    for n in range(count):
-        lane = lanes[int(rng.integers(len(lanes)))]
-        s = min(float(rng.exponential(10.0)), lane.centre.length - 1.0)
-        place = compute_walking_pose(
-            lane, lane.centre.length - s if lane.successors else s, float(rng.uniform(-1.0, 1.0))
-        )
-        x, y, _ = place
-        length, width = BOX_M["pedestrian"]
-        pose = Pose(x=x, y=y, yaw=round(float(rng.uniform(-np.pi, np.pi)), 4))
-        yield Actor(
-            id=f"waiting{n}", kind="pedestrian", length=length, width=width, start=pose, motion=StandingMotion()
-        )
+def _build_waiting(name: str, lane: Lane, rng: random.Random) -> Actor:
+    """Return a standing pedestrian, most of them near a junction."""
+    s = min(rng.expovariate(0.1), lane.centre.length - 1.0)
+    pose = compute_walking_pose(lane, lane.centre.length - s if lane.successors else s, rng.uniform(-1.0, 1.0))
+    return build_actor(name, BODIES["adult"], build_pose(pose.x, pose.y, rng.uniform(-math.pi, math.pi)))
 
 
-def _build_crossing(
-    ways: Sequence[SignalledCrossing], count: int, until_s: float, rng: np.random.Generator
-) -> Iterator[Actor]:
-    for n in range(count):
-        zebra = ways[int(rng.integers(len(ways)))]
-        line = zebra.line[::-1] if rng.random() < 0.5 else zebra.line
-        ahead = (line[1] - line[0]) / float(np.hypot(*(line[1] - line[0])))
-        aside = float(rng.uniform(-1.3, 1.3)) * np.array((-ahead[1], ahead[0]))
-        points = np.round([line[0] - WAIT_M * ahead + aside, line[1] + BEYOND_M * ahead + aside], 3)
-        yaw = round(float(np.arctan2(ahead[1], ahead[0])), 4)
-        speed = float(np.clip(rng.normal(1.4, 0.15), 1.0, 1.9))
-        begin = _draw_crossing_time(zebra, until_s, rng)
-        end = round(begin + float(np.hypot(*(points[1] - points[0]))) / speed, 2)
-        poses = [(t, float(x), float(y), yaw) for t, (x, y) in ((0.0, points[0]), (begin, points[0]), (end, points[1]))]
-        length, width = BOX_M["pedestrian"]
-        yield Actor(
-            id=f"crossing{n}",
-            kind="pedestrian",
-            length=length,
-            width=width,
-            start=Pose(x=poses[0][1], y=poses[0][2], yaw=yaw),
-            motion=ReplayMotion(poses=tuple(poses), stays=True),
-        )
+def _build_crossing(name: str, zebra: SignalledCrossing, until_s: float, rng: random.Random) -> Actor:
+    (x0, y0), (x1, y1) = zebra.line[:: rng.choice((1, -1))].tolist()
+    yaw = portable.atan2(y1 - y0, x1 - x0)
+    ahead, aside = (portable.cos(yaw), portable.sin(yaw)), rng.uniform(-1.3, 1.3)
+    start = build_pose(x0 - WAIT_M * ahead[0], y0 - WAIT_M * ahead[1], yaw, aside)
+    goal = build_pose(x1 + BEYOND_M * ahead[0], y1 + BEYOND_M * ahead[1], yaw, aside)
+    begin_s = _draw_crossing_time(zebra, until_s, rng)
+    walk_s = portable.hypot(goal.x - start.x, goal.y - start.y) / rng.triangular(1.0, 1.9, 1.4)
+    times = ((0.0, start), (begin_s, start), (round(begin_s + walk_s, 2), goal))
+    motion = ReplayMotion(poses=tuple((t, pose.x, pose.y, pose.yaw) for t, pose in times), stays=True)
+    return build_actor(name, BODIES["adult"], start, motion=motion)
 
 
-def _draw_crossing_time(zebra: SignalledCrossing, until_s: float, rng: np.random.Generator) -> float:
+def _draw_crossing_time(zebra: SignalledCrossing, until_s: float, rng: random.Random) -> float:
     """Draw a time within the first two thirds of a green interval, or any time."""
     if not zebra.green:
-        return round(float(rng.uniform(0.05, until_s)), 2)
+        return round(rng.uniform(0.05, until_s), 2)
     cycles = range(int(until_s // zebra.cycle_s) + 1)
-    starts = [(begin + k * zebra.cycle_s, end - begin) for k in cycles for begin, end in zebra.green]
-    begin, length = starts[int(rng.integers(len(starts)))]
-    return round(begin + float(rng.uniform(0.05, length * 2 / 3)), 2)
+    begin, length = rng.choice([(begin + k * zebra.cycle_s, end - begin) for k in cycles for begin, end in zebra.green])
+    return round(begin + rng.uniform(0.05, length * 2 / 3), 2)
 
 
-def _build_cyclists(lanes: Sequence[Lane], count: int, until_s: float, rng: np.random.Generator) -> Iterator[Actor]:
+def _build_cyclists(lanes: Sequence[Lane], count: int, until_s: float, rng: random.Random) -> Iterator[Actor]:
     for n in range(count):
         lane = lanes[n % len(lanes)]
-        begin = 4.0 + 10.0 * (n // len(lanes)) + float(rng.uniform(0.0, 5.0))
-        end = lane.centre.length - 4.0
-        places = [compute_cycling_pose(lane, s) for s in _space_stations(min(begin, end - STEP_M), end)]
-        speed, start_s = round(float(rng.uniform(2.0, 4.5)), 2), round(float(rng.uniform(0.0, until_s / 2)), 2)
-        yield _build_moving_actor(f"cyclist{n}", "cyclist", places, speed, start_s)
-
-
-def _build_parked(lanes: Sequence[Lane], count: int, rng: np.random.Generator) -> Iterator[Actor]:
-    bays = [(lane, s) for lane in lanes for s in np.arange(CLEAR_M, lane.centre.length - CLEAR_M, BAY_M).tolist()]
-    chosen = sorted(rng.choice(len(bays), size=min(count, len(bays)), replace=False).tolist())
-    for n, k in enumerate(chosen):
-        lane, s = bays[k]
-        prop = PROPS["parked-van" if rng.random() < VAN_SHARE else "parked-car"]
-        x, y, yaw = compute_parking_pose(lane, s + float(rng.uniform(-0.3, 0.3)))
-        length = round(prop.length * float(rng.uniform(0.9, 1.05)), 2)
-        yield Actor(id=f"parked{n}", kind=prop.kind, length=length, width=prop.width, start=Pose(x=x, y=y, yaw=yaw))
+        begin, end = 4.0 + 10.0 * (n // len(lanes)) + rng.uniform(0.0, 5.0), lane.centre.length - 4.0
+        stations = _space_stations(min(begin, end - STEP_M), end)
+        poses = [compute_lane_pose(lane, s, -(lane.width / 2 + RIDE_M)) for s in stations]
+        speed, trigger = round(rng.uniform(2.0, 4.5), 2), TimeTrigger(at_s=round(rng.uniform(0.0, until_s / 2), 2))
+        yield build_rider(f"cyclist{n}", BODIES["bicycle"], poses, speed, 0.0, trigger=trigger)

@@ -79,14 +79,19 @@ def build_crossing_actor(
     return build_actor(name, body, start, motion=motion, trigger=trigger, action=StartMotion(), **more)
 
 
-def build_rider(name: str, body: Body, poses: Sequence[Pose], speed: float, start_speed: float | None = None) -> Actor:
-    """Return a road user that moves through poses from the start on; `start_speed` [m/s]: at first, if another."""
+def build_rider(
+    name: str, body: Body, poses: Sequence[Pose], speed: float, start_speed: float | None = None, **more: object
+) -> Actor:
+    """Return a road user that moves through poses, from the start on if `more` has no trigger.
+
+    `start_speed` [m/s]: at first, if another one; `more`: further fields of `Actor`.
+    """
     motion = PathMotion(
         points=tuple((pose.x, pose.y) for pose in poses),
         speed=speed,
         start_speed=speed if start_speed is None else start_speed,
     )
-    return build_actor(name, body, poses[0], motion=motion)
+    return build_actor(name, body, poses[0], motion=motion, **more)
 
 
 def build_driving_actor(
