@@ -45,7 +45,7 @@ libraries: ## system libraries of SUMO, on Debian and Ubuntu
 	apt-get -qq update && DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends $(LIBRARIES)
 
 eval: install ## drive the built-in InterDrive suite with the idm baseline
-	$(BIN)/mdrive-sumo eval --suite interdrive --agent idm
+	$(BIN)/mdrive-sumo eval --suite interdrive@0 --agent idm
 
 test: install ## the tests
 	$(PYTEST) -n 4 --dist worksteal -m "$(MARKS)" $(OPTIONS)
@@ -102,7 +102,7 @@ networks: install ## compile networks/ anew from their recipes
 
 scenarios: install ## write the built-in scenarios anew from their table
 	$(BIN)/python -m tools.build_interdrive_suite
-	$(BIN)/mdrive-sumo validate interdrive --write
+	$(BIN)/mdrive-sumo validate interdrive@0 --write
 
 schemas: install ## write docs/schemas/ anew from the code
 	mkdir -p docs/schemas

@@ -2,7 +2,7 @@
 
     import mdrive_sumo as md
 
-    suite = md.load_suite("interdrive")
+    suite = md.load_suite("interdrive@0")
     run = md.evaluate(suite, agent="sharing", comm="realistic", workers=2)
     episode = md.simulate("i11_ins_sl_town", agent="sharing", seed=0)
 

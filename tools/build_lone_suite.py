@@ -1,6 +1,6 @@
 """Build a suite in which a CAV has the road to itself, to measure whether a learned system can follow its route.
 
-    python -m tools.build_lone_suite OUT [--suite mdrive]
+    python -m tools.build_lone_suite OUT [--suite mdrive@0]
 
 Each scenario keeps the CAV that comes first in it, and its weather, lights and stop signs; other CAVs, background
 traffic, scripted road users, props and roadside units are removed.

@@ -2,7 +2,7 @@
 
     python -m tools.write_results RUN... --commit HASH [--bench FILE] [--dry-run]
 
-RUN is a folder that `mdrive-sumo eval --suite mdrive --agent NAME --seed N` wrote. All runs of an agent, one a seed,
+RUN is a folder that `mdrive-sumo eval --suite mdrive@0 --agent NAME --seed N` wrote. All runs of an agent, one a seed,
 replace its row in `docs/results/baselines.json` by their means, with the commit that they were driven at, which
 `tools.sample_episodes` keeps a sample of; `--bench` copies the figures of `make bench` to
 `docs/results/speed.json`. Without arguments the tables are written again from these two files, which a test compares
@@ -109,7 +109,7 @@ def _check_runs(runs: Sequence[Results]) -> None:
     first = runs[0]
     if missing := [bucket for bucket in BUCKETS if bucket not in first.buckets]:
         raise InputError(
-            f"agent {first.run.agent}: expected a run of --suite mdrive, found none of bucket {missing[0]}"
+            f"agent {first.run.agent}: expected a run of --suite mdrive@0, found none of bucket {missing[0]}"
         )
     for name, expected in (*CONDITIONS.items(), ("channel", "ideal")):
         found = first.run.comm.get("preset") if name == "channel" else getattr(first.run, name)

@@ -37,7 +37,7 @@ TARGETS = (("6 x 400x224", SIX, 20.0), ("900x256", WIDE, 8.0))
 
 def build_scene(network: str) -> tuple[SensingFrame, SensorSetup]:
     """Road users around the first CAV of the first scenario in a network."""
-    start = next(one for one in load_suite("mdrive").scenarios if one.network == network).egos[0].start
+    start = next(one for one in load_suite("mdrive@0").scenarios if one.network == network).egos[0].start
     roads, scene = load_road_map(find_network_folder(network)), crowd(ROAD_USERS, REACH_M)
     boxes = scene.boxes
     yaw = boxes.yaw.copy()

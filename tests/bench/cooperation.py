@@ -75,7 +75,7 @@ def with_houses(roads: RoadMap, count: int) -> RoadMap:
 
 def sensor_rows() -> Iterator[Row]:
     """Each sensor with a hundred boxes and forty houses around the car."""
-    suite = load_suite("interdrive")
+    suite = load_suite("interdrive@0")
     scenario = next(s for s in suite.scenarios if s.network == "town_crossing")
     town = load_road_map(find_network_folder("town_crossing"))
     told = build_briefing(scenario.egos[0], town, to_vehicle_facts(MKZ_2017), 0, 60.0)

@@ -77,7 +77,7 @@ class Probe:
 
 def recorded(name: str, sensors: tuple[SensorSpec, ...]) -> Probe:
     """The first CAV of a scenario, and what it saw."""
-    suite = load_suite("interdrive")
+    suite = load_suite("interdrive@0")
     scenario = next(one for one in suite.scenarios if one.id.startswith(name))
     roads = load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id)))
     probes = {ego.id: Probe(sensors if ego is scenario.egos[0] else ()) for ego in scenario.egos}

@@ -57,7 +57,7 @@ def cpu_ms(work: Callable[[], object]) -> tuple[float, float]:
 
 def measure(network: str) -> None:
     """Print a row for every sensor."""
-    scenario = next(s for s in load_suite("mdrive").scenarios if s.network == network)
+    scenario = next(s for s in load_suite("mdrive@0").scenarios if s.network == network)
     town = load_road_map(find_network_folder(network))
     told = build_briefing(scenario.egos[0], town, to_vehicle_facts(MKZ_2017), 0, 60.0)
     scene, start = crowd(BOXES, 80.0), scenario.egos[0].start

@@ -174,7 +174,7 @@ def drive_on_request() -> int:
     # Of the tree in PYTHONPATH: what a driver calls must be in both.
     job, suites = (importlib.import_module(f"mdrive_sumo.{name}") for name in ("runs.episode_job", "scenario.suite"))
     agents = importlib.import_module("mdrive_sumo.runs.agent_spec")
-    folder = suites.load_suite("mdrive").folder.resolve()
+    folder = suites.load_suite("mdrive@0").folder.resolve()
     counter = open_instruction_counter()
     for line in sys.stdin:
         agent, scenario = EPISODES[int(line)]

@@ -142,7 +142,7 @@ def evaluates(images: Images) -> None:
     container = images.container("evaluator")
     assert images.run(container, "mdrive-sumo", "--version").startswith("mdrive-sumo, version")
     assert images.run(container, "id", "-un").strip() == "mdrive"
-    one = ("--suite", "interdrive", "--scenario", "i07*", "--workers", "1")
+    one = ("--suite", "interdrive@0", "--scenario", "i07*", "--workers", "1")
     assert "outcomes     arrived" in images.run(
         container, "mdrive-sumo", "eval", *one, "--agent", "idm", "--out", "/work/r"
     )

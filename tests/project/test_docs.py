@@ -228,7 +228,7 @@ def test_the_agent_of_the_guide_talks_and_drives(tmp_path: Path) -> None:
 def test_readme_agent_drives_the_built_in_suite(example: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "config.json").write_text('{"speed": 6.0}')
-    scenario = load_suite("interdrive").scenarios[0].id
+    scenario = load_suite("interdrive@0").scenarios[0].id
     command = ("eval", "--scenario", scenario, "--out", "run")
     agent = ("--agent", f"{example.name}:Careful", "--agent-config", "config.json")
     done = CliRunner().invoke(main, (*command, *agent))

@@ -189,7 +189,7 @@ def prepared(folder: Path) -> Path:
 
 def _write_suite(folder: Path, cav: int, *ids: str) -> None:
     """Scenarios of one CAV that goes some ten metres, alike but for their ids."""
-    long = next(each for each in load_suite("interdrive").scenarios if each.id == "i07_ins_ss_town")
+    long = next(each for each in load_suite("interdrive@0").scenarios if each.id == "i07_ins_ss_town")
     ego = long.egos[cav].model_copy(update={"id": "0", "route": long.egos[cav].route[:14]})
     short = tuple(long.model_copy(update={"id": each, "egos": (ego,)}) for each in ids)
     save_suite(Suite(SuiteFile(name="short", title="Short"), folder, short))

@@ -21,7 +21,7 @@ GUEST = (1.0, 2.0)
 
 def make_mixed_scenario() -> Scenario:
     """Return two CAVs among traffic lights, a walker, a cyclist, a cone, a truck, a guest and SUMO's traffic."""
-    written = load_suite("interdrive").select("i01_ins_c_main_street_right")[0]
+    written = load_suite("interdrive@0").select("i01_ins_c_main_street_right")[0]
     walk = PathMotion(points=((20.0, 12.0), (20.0, 30.0)), speed=1.4, start_speed=1.4)
     ride = PathMotion(points=((30.0, 14.0), (60.0, 24.0)), speed=4.0, start_speed=4.0)
     visit = ReplayMotion(poses=((GUEST[0], -20.0, 20.0, 3.0), (GUEST[1], -26.0, 21.0, 3.0)))

@@ -14,7 +14,7 @@ def shorten(scenario: Scenario, metres: int) -> Scenario:
 
 def make_short_suite(folder: Path, *patterns: str, metres: int = 15) -> Path:
     """Save the scenarios of InterDrive that the patterns choose, shortened, as a suite; returns its folder."""
-    suite = load_suite("interdrive")
+    suite = load_suite("interdrive@0")
     scenarios = tuple(shorten(scenario, metres) for pattern in patterns for scenario in suite.select(pattern))
     save_suite(Suite(SuiteFile(name="short", title="A short suite"), folder, scenarios))
     return folder

@@ -59,7 +59,7 @@ def build_toy_scenario(candidate: FamilyCandidate) -> Scenario:
 def load_toy_source() -> tuple[Scenario, ...]:
     """Return the scenarios of InterDrive; they are read once."""
     if not _SOURCE:
-        _SOURCE.extend(load_suite("interdrive").scenarios)
+        _SOURCE.extend(load_suite("interdrive@0").scenarios)
     return tuple(_SOURCE)
 
 

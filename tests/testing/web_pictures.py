@@ -22,7 +22,7 @@ from testing import web_story
 from testing.web_story import Story, Watch
 
 DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
-SCENARIOS = tuple(each.id for each in load_suite("interdrive").scenarios)[6:13]
+SCENARIOS = tuple(each.id for each in load_suite("interdrive@0").scenarios)[6:13]
 TEAMS = (
     ("Blue junction lab", "Steady", "single-agent", {"speed": 6.0}),
     ("Kestrel", "Late brake", "negotiation", {"gap_m": 0.5, "braking": 9.0}),

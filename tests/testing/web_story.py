@@ -52,7 +52,7 @@ closes = 2100-01-01T00:00:00Z
 def served(folder: Path, scenarios: Collection[str] = SCENARIOS) -> Generator[str]:
     """`mdrive-sumo serve` with a phase of these scenarios and one worker; its address."""
     suite, data = folder / "suite", folder / "data"
-    packaged = load_suite("interdrive")
+    packaged = load_suite("interdrive@0")
     chosen = tuple(shorten(each, ROUTE_M) for each in packaged.scenarios if each.id in scenarios)
     save_suite(Suite(SuiteFile(name="few", title="A few scenarios"), suite, chosen))
     times = {each.id: find_reference_times(each, packaged.find_folder(each.id)) for each in chosen}

@@ -11,7 +11,7 @@ from tools.build_lone_suite import build_lone_scenario, write_lone_suite
 
 
 def test_only_the_first_cav_stays() -> None:
-    scenario = max(load_suite("interaction").scenarios, key=lambda one: len(one.actors))
+    scenario = max(load_suite("interaction@0").scenarios, key=lambda one: len(one.actors))
     assert len(scenario.egos) > 1 and scenario.actors
     lone = build_lone_scenario(scenario)
     assert lone.egos == scenario.egos[:1]

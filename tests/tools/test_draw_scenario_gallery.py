@@ -17,7 +17,7 @@ def test_the_page_lists_every_scenario_and_has_its_picture() -> None:
 
 
 def test_a_thumbnail_is_small_and_keeps_the_colours_of_cavs(tmp_path: Path) -> None:
-    scenario = next(one for one in load_suite("interdrive") if one.id == "i07_ins_ss_town")
+    scenario = next(one for one in load_suite("interdrive@0") if one.id == "i07_ins_ss_town")
     draw_thumbnail(scenario, load_road_map(find_network_folder(scenario.network)), tmp_path / "a.webp")
     with Image.open(tmp_path / "a.webp") as image:
         assert max(image.size) == SIDE_PX

@@ -99,7 +99,7 @@ def test_runs_under_other_conditions_than_the_table_are_refused(facts: dict[str,
 
 def test_a_run_of_one_bucket_is_refused() -> None:
     part = summarize_run(run(0).run, run(0).scenarios[:1])
-    with pytest.raises(InputError, match="expected a run of --suite mdrive, found none of bucket Interaction"):
+    with pytest.raises(InputError, match="expected a run of --suite mdrive@0, found none of bucket Interaction"):
         build_rows([part], "abc")
 
 

@@ -256,7 +256,7 @@ def test_nothing_of_an_earlier_run_is_found(folder: Path) -> None:
 def test_a_sensor_asked_for_in_a_race_only_is_refused_there(folder: Path, agent: str, text: str) -> None:
     """An agent may behave until a date: what it declares is looked at in every run."""
     (folder / "agents.py").write_text(agent)
-    suite = load_suite("interdrive")
+    suite = load_suite("interdrive@0")
     for name, error, message in (
         ("/agent/agents.py:Driver", RejectedError, text),
         ("omniscient", InputError, "expected a third-party agent for a box"),

@@ -106,7 +106,7 @@ def test_a_failing_agent_ends_its_cav_on_request() -> None:
 
 
 def test_a_scenario_of_a_suite_can_be_given_itself() -> None:
-    suite = md.load_suite("v2xpnp")  # its networks lie in the suite
+    suite = md.load_suite("v2xpnp@0")  # its networks lie in the suite
     scenario = suite[0]
     assert np.isfinite(md.Simulation(scenario).briefings[scenario.egos[0].id].route_xy).all()
 

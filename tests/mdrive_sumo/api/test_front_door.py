@@ -45,7 +45,7 @@ def test_all_errors_have_one_base() -> None:
 
 
 def test_a_suite_is_a_list_with_globs() -> None:
-    suite = md.load_suite("interdrive")
+    suite = md.load_suite("interdrive@0")
     part = suite["i1[12]*"]
     assert isinstance(part, md.Suite)
     assert [scenario.id for scenario in part] == ["i11_ins_sl_town", "i12_ins_sl_old_town"]
@@ -56,7 +56,7 @@ def test_a_suite_is_a_list_with_globs() -> None:
 
 
 def test_a_suite_as_a_frame_has_one_row_per_scenario() -> None:
-    frame = md.load_suite("interdrive").to_frame()
+    frame = md.load_suite("interdrive@0").to_frame()
     assert len(frame) == 46 and frame.cavs.sum() == 175
     assert frame.loc["i11_ins_sl_town", "category"] == "ins_sl"
 
@@ -64,7 +64,7 @@ def test_a_suite_as_a_frame_has_one_row_per_scenario() -> None:
 def test_without_pandas_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(md.InputError, match=r"pip install '\.\[notebook\]'"):
-        md.load_suite("interdrive").to_frame()
+        md.load_suite("interdrive@0").to_frame()
 
 
 def test_packaged_suites_are_listed() -> None:
@@ -72,6 +72,6 @@ def test_packaged_suites_are_listed() -> None:
 
 
 def test_what_a_notebook_echoes_fits_on_the_screen() -> None:
-    suite = md.load_suite("interdrive")
+    suite = md.load_suite("interdrive@0")
     assert repr(suite) == "Suite('interdrive@0', 46 scenarios)"
     assert repr(suite["i11_ins_sl_town"]) == "Scenario('i11_ins_sl_town', InterDrive, ins_sl, 3 CAVs, 0 actors)"

@@ -37,7 +37,7 @@ def make_agent() -> type:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> md.Run:
-    suite = md.load_suite("interdrive")[SCENARIOS]
+    suite = md.load_suite("interdrive@0")[SCENARIOS]
     assert isinstance(suite, md.Suite)
     out = tmp_path_factory.mktemp("run")
     with pytest.MonkeyPatch.context() as patch:
@@ -48,7 +48,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> md.Run:
 @pytest.fixture(scope="module")
 def standing(tmp_path_factory: pytest.TempPathFactory) -> md.Run:
     out = tmp_path_factory.mktemp("standing")
-    return md.evaluate("interdrive", make_agent(), scenario=SCENARIOS, workers=1, out=out, progress=False)
+    return md.evaluate("interdrive@0", make_agent(), scenario=SCENARIOS, workers=1, out=out, progress=False)
 
 
 def test_a_run_of_several_seeds_has_one_folder_and_intervals(run: md.Run) -> None:
@@ -117,7 +117,7 @@ def test_a_finished_run_is_not_driven_again(run: md.Run, capsys: pytest.CaptureF
 
 
 def test_a_changed_scenario_must_be_saved_first(tmp_path: Path) -> None:
-    suite = md.load_suite("interdrive")
+    suite = md.load_suite("interdrive@0")
     changed = suite[0].model_copy(update={"weather": "dense-fog"})
     other = type(suite)(suite.about, suite.folder, (changed,))
     with pytest.raises(md.InputError, match=r"expected scenarios as they are in .*, found another 'i01"):

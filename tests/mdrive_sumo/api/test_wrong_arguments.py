@@ -55,7 +55,7 @@ def test_what_is_no_agent_is_refused(agent: Any) -> None:
         (lambda: md.evaluate(seeds=1.5), "seeds: expected an integer, found 1.5"),  # pyright: ignore
         (lambda: md.evaluate(seeds=["a"]), "seed: expected an integer, found 'a'"),  # pyright: ignore
         (lambda: md.simulate(SCENARIO, seed=-1), "seed: expected an integer from 0 to 2147483647, found -1"),
-        (lambda: md.evaluate(md.load_suite("v2xpnp"), scenario=4), "scenario: expected a text, found 4"),  # pyright: ignore
+        (lambda: md.evaluate(md.load_suite("v2xpnp@0"), scenario=4), "scenario: expected a text, found 4"),  # pyright: ignore
         (lambda: md.evaluate(workers=0), "workers: expected a whole number from 1, found 0"),
         (lambda: md.evaluate_open(workers=0), "workers: expected a whole number from 1, found 0"),
         (lambda: md.evaluate(progres=True), "found 'progres'; did you mean 'progress'?"),  # pyright: ignore

@@ -20,7 +20,7 @@ def call(*arguments: object) -> Result:
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of one scenario in which no vehicle moves: blocked after 30 s."""
     folder = tmp_path_factory.mktemp("run")
-    first = load_suite("interdrive").scenarios[0].id
+    first = load_suite("interdrive@0").scenarios[0].id
     done = call("eval", "--agent", "stationary", "--scenario", first, "--workers", 1, "--out", folder)
     assert done.exit_code == 0, done.output
     return folder
@@ -39,7 +39,7 @@ def test_list_scenarios_has_a_row_for_each() -> None:
     table, legend = call("list", "scenarios").output.split("\n\n")
     rows = table.splitlines()[2:]
     assert legend.startswith("hidden:")
-    assert [s.id for s in load_suite("interdrive").scenarios] == [row.split()[0] for row in rows]
+    assert [s.id for s in load_suite("interdrive@0").scenarios] == [row.split()[0] for row in rows]
 
 
 def test_list_agents_says_what_each_does() -> None:
@@ -73,7 +73,7 @@ def test_schema_is_json(what: str) -> None:
 
 @pytest.mark.slow
 def test_show_draws_a_picture(tmp_path: Path) -> None:
-    first = load_suite("interdrive").scenarios[0].id
+    first = load_suite("interdrive@0").scenarios[0].id
     done = call("show", first, "--out", tmp_path / "x.png")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
@@ -85,14 +85,14 @@ def test_show_refuses_a_glob_that_fits_several() -> None:
 
 
 def test_show_refuses_an_ending_that_is_no_picture(tmp_path: Path) -> None:
-    done = call("show", load_suite("interdrive").scenarios[0].id, "--out", tmp_path / "x.docx")
+    done = call("show", load_suite("interdrive@0").scenarios[0].id, "--out", tmp_path / "x.docx")
     assert (done.exit_code, "cannot be written" in done.stderr) == (2, True)
 
 
 @pytest.mark.slow
 def test_view_exports_one_page_without_links(run_folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "x.html"
-    first = load_suite("interdrive").scenarios[0].id
+    first = load_suite("interdrive@0").scenarios[0].id
     done = call("view", run_folder, "--scenario", first, "--export", path)
     assert (done.exit_code, done.output) == (0, f"{path}\n")
     page = path.read_text()
@@ -105,7 +105,7 @@ def test_view_exports_one_page_without_links(run_folder: Path, tmp_path: Path) -
 def test_view_opens_the_page_in_a_browser(run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda url: not opened.append(url))
-    first = load_suite("interdrive").scenarios[0].id
+    first = load_suite("interdrive@0").scenarios[0].id
     assert call("view", run_folder, "--scenario", first).exit_code == 0
     page = run_folder / "view" / f"{first}.html"
     assert opened == [page.as_uri()]
@@ -128,7 +128,7 @@ def test_view_says_what_is_wrong(run_folder: Path, arguments: tuple[str, ...], s
 
 @pytest.mark.slow
 def test_view_of_a_scenario_that_the_run_did_not_drive(run_folder: Path) -> None:
-    done = call("view", run_folder, "--scenario", load_suite("interdrive").scenarios[1].id)
+    done = call("view", run_folder, "--scenario", load_suite("interdrive@0").scenarios[1].id)
     assert (done.exit_code, "found one outside its --scenario; `mdrive-sumo eval --scenario" in done.stderr) == (
         2,
         True,

@@ -32,7 +32,7 @@ def slow(folder: Path) -> Path:
 @pytest.mark.slow
 def test_a_run_of_omniscient_becomes_the_reference_and_results_follow_it(tmp_path: Path) -> None:
     """A suite of one's own: undefined before the times are known, then 1 for the reference, more for a slow agent."""
-    ours = load_suite("interdrive")[TOWN]
+    ours = load_suite("interdrive@0")[TOWN]
     assert not isinstance(ours, Suite)
     alone = ours.model_copy(update={"egos": ours.egos[:1]})
     save_suite(Suite(SuiteFile(name="mine", title=""), tmp_path / "mine", (alone,)))

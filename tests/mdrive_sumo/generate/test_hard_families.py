@@ -106,7 +106,7 @@ def test_families_are_distinct_and_their_networks_belong_to_the_tier_alone() -> 
     assert all(family.category == category for category, family in FAMILIES.items())
     used = {scenario.network for category in FAMILIES for scenario in build_samples(category)}
     assert all(is_hard_tier(network) for network in used)
-    assert not any(is_hard_tier(scenario.network) for scenario in load_suite("interaction").scenarios)
+    assert not any(is_hard_tier(scenario.network) for scenario in load_suite("interaction@0").scenarios)
 
 
 @pytest.mark.parametrize("street", STREETS, ids=lambda street: street.own[0])

@@ -29,7 +29,7 @@ def test_it_is_complete() -> None:
 def test_its_scenarios_are_distinct_and_on_networks_of_their_own() -> None:
     scenarios = load_hard().scenarios
     assert all(not rivals for rivals in find_rivals(scenarios).values())
-    others = {scenario.network for scenario in load_suite("mdrive").scenarios}
+    others = {scenario.network for scenario in load_suite("mdrive@0").scenarios}
     assert not others & {scenario.network for scenario in scenarios}
     assert all(2 <= len(one.egos) <= MOST_CAVS for one in scenarios)
     assert all(len(one.background.vehicles) <= MOST_VEHICLES for one in scenarios)

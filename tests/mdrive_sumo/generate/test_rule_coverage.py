@@ -75,7 +75,7 @@ def test_a_pedestrian_off_the_routes_is_none() -> None:
 
 
 def test_validate_lists_what_no_scenario_exercises() -> None:
-    whole = load_suite("interdrive")
+    whole = load_suite("interdrive@0")
     part = whole[:2]
     assert "no scenario exercises collision-pedestrian" in "\n".join(describe_rules(part))
     assert count_rules(part)["collision-vehicle"] == 2
@@ -83,7 +83,7 @@ def test_validate_lists_what_no_scenario_exercises() -> None:
 
 @pytest.mark.full
 def test_the_whole_suite_exercises_every_rule() -> None:
-    whole = load_suite("mdrive")
+    whole = load_suite("mdrive@0")
     assert all(count_rules(whole).values())
     assert not [problem for problem in find_suite_problems(whole, []) if "exercises" in problem]
 

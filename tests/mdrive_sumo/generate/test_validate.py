@@ -38,7 +38,7 @@ pytestmark = pytest.mark.usefixtures("in_process")
 
 @cache
 def ours(name: str) -> Scenario:
-    return next(s for s in load_suite("interdrive").scenarios if s.id == name)
+    return next(s for s in load_suite("interdrive@0").scenarios if s.id == name)
 
 
 @cache
@@ -224,7 +224,7 @@ def test_writing_some_scenarios_needs_the_others_unchanged(tmp_path: Path) -> No
     told = validate(str(suite.folder), "--scenario", TOWN, "--write")
     assert told.exit_code == 2
     assert "found none for i25_ins_oppo_boulevard; --scenario has to include it" in told.output
-    assert validate("interdrive", "--scenario", TOWN, "--sample", "1").exit_code == 2
+    assert validate("interdrive@0", "--scenario", TOWN, "--sample", "1").exit_code == 2
 
 
 @pytest.mark.slow
@@ -275,4 +275,4 @@ def test_a_scenario_that_breaks_the_schema_is_exit_code_2(tmp_path: Path) -> Non
 
 
 def test_write_and_sample_do_not_go_together() -> None:
-    assert validate("interdrive", "--write", "--sample", "1").exit_code == 2
+    assert validate("interdrive@0", "--write", "--sample", "1").exit_code == 2

@@ -12,7 +12,7 @@ from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 
 @pytest.fixture
 def small(tmp_path: Path) -> Suite:
-    save_suite(Suite(SuiteFile(name="small", title="Two of ours"), tmp_path, load_suite("interdrive").scenarios[:2]))
+    save_suite(Suite(SuiteFile(name="small", title="Two of ours"), tmp_path, load_suite("interdrive@0").scenarios[:2]))
     return load_suite(str(tmp_path))
 
 

@@ -31,7 +31,7 @@ LATE = OccludedInterval(drive="omniscient", ego="0", actor="1", start_s=0.0, end
 
 @cache
 def interdrive() -> Suite:
-    return load_suite("interdrive")
+    return load_suite("interdrive@0")
 
 
 def certificate(scenario: str, hidden: bool) -> OcclusionCertificate:

@@ -203,12 +203,12 @@ def test_recordings_that_are_missing_or_changed_are_refused(reference: Path, tmp
             "omniscient, log or the folder of a finished run, found 'nowhere'",
         ),
         (("--reference", "omnicient"), "found 'omnicient'; did you mean 'omniscient'?"),
-        (("--reference", "RUN", "--suite", "v2xpnp"), "expected a run of the suite v2xpnp, found one of short"),
+        (("--reference", "RUN", "--suite", "v2xpnp@0"), "expected a run of the suite v2xpnp, found one of short"),
         (("--reference", "RUN", "--scenario", "i12"), "expected a scenario id or category like 'i12', found none"),
         (("--reference", "RUN", "--seed", "3"), "found none; it has '*' with seed 0"),
         (("--reference", "RUN", "--agent", "singel"), "found neither; did you mean 'single'?"),
-        (("--reference", "log", "--suite", "v2xpnp", "--seed", "1"), "expected 0 with --reference log, found 1"),
-        (("--reference", "log", "--suite", "interdrive", "--scenario", "i11*"), "i11_ins_sl_town, found no file"),
+        (("--reference", "log", "--suite", "v2xpnp@0", "--seed", "1"), "expected 0 with --reference log, found 1"),
+        (("--reference", "log", "--suite", "interdrive@0", "--scenario", "i11*"), "i11_ins_sl_town, found no file"),
     ],
 )
 def test_bad_input(arguments: tuple[str, ...], sentence: str, reference: Path, tmp_path: Path) -> None:

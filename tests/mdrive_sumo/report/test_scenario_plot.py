@@ -17,7 +17,7 @@ from mdrive_sumo.scenario.suite import load_suite
 
 
 def scenario(start: str) -> Scenario:
-    return next(one for one in load_suite("interdrive").scenarios if one.id.startswith(start))
+    return next(one for one in load_suite("interdrive@0").scenarios if one.id.startswith(start))
 
 
 def drawn(one: Scenario, path: Path) -> Path:

@@ -12,7 +12,7 @@ from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 
 @pytest.fixture(scope="module")
 def interdrive() -> Suite:
-    return load_suite("interdrive")
+    return load_suite("interdrive@0")
 
 
 def test_an_episode_costs_its_ticks_times_its_road_users(interdrive: Suite) -> None:

@@ -28,7 +28,7 @@ from mdrive_sumo.scoring import RunInfo, ScenarioResult, summarize_run
 def test_other_weights_at_the_same_path_are_another_run(tmp_path: Path) -> None:
     weights = tmp_path / "tcp.onnx"
     weights.write_bytes(b"one")
-    suite = load_suite("interdrive")
+    suite = load_suite("interdrive@0")
     config = RunConfig(agent=AgentSpec("tcp", {"weights": str(weights), "creep": 0}))
     first, options = compute_fingerprint(config, suite, suite.scenarios[:1]), config.agent.config_hash()
     assert compute_fingerprint(config, suite, suite.scenarios[:1]) == first

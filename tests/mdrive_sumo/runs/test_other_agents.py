@@ -17,7 +17,7 @@ from mdrive_sumo.runs.other_agents import OtherAgents, count_tested, parse_other
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results, load_results
 
-SCENARIO = max(load_suite("interdrive"), key=lambda scenario: len(scenario.egos))
+SCENARIO = max(load_suite("interdrive@0"), key=lambda scenario: len(scenario.egos))
 
 
 @given(cavs=st.integers(1, 20), penetration=st.integers(1, 99))

@@ -37,7 +37,7 @@ class CameraTalker(Talker):
 
 def test_the_python_front_door_keeps_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run_in_process(monkeypatch)
-    md.evaluate("interdrive", "tcp", scenario="i01*", record_cameras=True, workers=1, out=tmp_path, progress=False)
+    md.evaluate("interdrive@0", "tcp", scenario="i01*", record_cameras=True, workers=1, out=tmp_path, progress=False)
     (archive,) = (tmp_path / "cameras").iterdir()
     assert len(load_camera_tracks(archive)) == 2
 

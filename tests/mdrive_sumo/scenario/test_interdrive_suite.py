@@ -32,7 +32,7 @@ COMPOSITION = {
 
 @pytest.fixture(scope="module")
 def suite() -> Suite:
-    return load_suite("interdrive")
+    return load_suite("interdrive@0")
 
 
 @pytest.fixture(scope="module")

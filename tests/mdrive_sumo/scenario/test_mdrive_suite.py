@@ -19,7 +19,7 @@ PACKED_LIMIT = 25 * 2**20
 
 
 def test_the_benchmark_has_the_papers_buckets() -> None:
-    suite = load_suite("mdrive")
+    suite = load_suite("mdrive@0")
     assert Counter(scenario.bucket for scenario in suite.scenarios) == {
         "InterDrive": 46,
         "Interaction": 112,
@@ -30,12 +30,12 @@ def test_the_benchmark_has_the_papers_buckets() -> None:
 
 def test_the_benchmark_is_as_the_papers_tables_say_and_as_it_was_sealed() -> None:
     """Means, categories, weather, certificates, checksums, recipes; the drives are `make validate`'s."""
-    assert find_suite_problems(load_suite("mdrive"), ()) == ()
+    assert find_suite_problems(load_suite("mdrive@0"), ()) == ()
 
 
 @pytest.mark.full
 def test_every_recipe_makes_its_scenario_again() -> None:
-    recipes = load_recipes("interaction")
+    recipes = load_recipes("interaction@0")
     assert len(recipes) == 112
     assert list(find_rebuild_differences(recipes)) == []
 
@@ -49,7 +49,7 @@ def test_what_is_packaged_fits_into_the_wheel() -> None:
 @pytest.mark.parametrize("name", ["pre-crash", "crosswalk"])
 def test_hidden_conflicts_of_a_category(name: str) -> None:
     """At least 80 % of pre-crash and all crosswalk scenarios have an occlusion certificate."""
-    suite = load_suite("interaction")
+    suite = load_suite("interaction@0")
     certificates = load_certificates(suite)
     hidden = [certificates[s.id].occluded for s in suite.scenarios if s.category == name]
     assert sum(hidden) >= (0.8 if name == "pre-crash" else 1.0) * len(hidden) > 0

@@ -23,7 +23,7 @@ SEEDS = (1, 2, 3, 4, 5)
 
 @pytest.fixture(scope="module")
 def whole() -> Suite:
-    return load_suite("mdrive")
+    return load_suite("mdrive@0")
 
 
 @pytest.fixture(scope="module")

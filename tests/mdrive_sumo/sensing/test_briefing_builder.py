@@ -12,7 +12,7 @@ from mdrive_sumo.sensing import briefing_builder
 from mdrive_sumo.sensing.briefing_builder import build_briefing, compute_route_room
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
-SUITE = load_suite("interdrive")
+SUITE = load_suite("interdrive@0")
 
 
 def brief(scenario: str, ego: int) -> Briefing:

@@ -33,7 +33,7 @@ TOWN = load_road_map(find_network_folder("town_crossing"))
 @cache
 def blind(scenario: str) -> tuple[EpisodeRecord, Scenario]:
     job = EpisodeJob(find_suite_folder("interdrive@0"), scenario, AgentSpec("constant-speed"))
-    found = next(s for s in load_suite("interdrive").scenarios if s.id == scenario)
+    found = next(s for s in load_suite("interdrive@0").scenarios if s.id == scenario)
     return reexecute(job), found
 
 
@@ -97,7 +97,7 @@ def test_a_certificate_names_the_observers() -> None:
 
 def suite_in(folder: Path, *names: str, parts: tuple[str, ...] = ()) -> Suite:
     """A suite on disk with some of our scenarios, or with parts."""
-    ours = tuple(s for s in load_suite("interdrive").scenarios if s.id in names)
+    ours = tuple(s for s in load_suite("interdrive@0").scenarios if s.id in names)
     save_suite(Suite(SuiteFile(name=folder.name, title="", parts=parts), folder, ours))
     return load_suite(str(folder))
 
@@ -138,7 +138,7 @@ def test_a_broken_file_gets_one_sentence(tmp_path: Path) -> None:
 
 
 def test_the_packaged_suite_is_certified_and_can_be_filtered() -> None:
-    suite = load_suite("interdrive")
+    suite = load_suite("interdrive@0")
     certificates = load_certificates(suite)
     assert list(certificates) == [scenario.id for scenario in suite.scenarios]
     occluded = [name for name, one in certificates.items() if one.occluded]

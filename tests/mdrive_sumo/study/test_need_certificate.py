@@ -230,7 +230,7 @@ def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     save_need(tmp_path, file)
     assert read_need(tmp_path) == file
     assert (one.holds, one.excludes_all, one.lead_s) == (True, False, certify(BASE).lead_s)
-    assert file.of(load_suite("interdrive")) == {}
+    assert file.of(load_suite("interdrive@0")) == {}
     (tmp_path / NEED_FILE).write_text('{"format": "other"}')
     with pytest.raises(InputError, match=r"need.json: format: Input should be"):
         read_need(tmp_path)

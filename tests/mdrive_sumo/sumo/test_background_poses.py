@@ -56,5 +56,5 @@ def test_nor_in_the_world_of_another_seed() -> None:
 
 @pytest.mark.full
 def test_no_vehicle_of_the_suite_jumps_sideways() -> None:
-    for scenario in load_suite("v2xpnp"):
+    for scenario in load_suite("v2xpnp@0"):
         assert find_jumps(*find_scenario(scenario.id, "v2xpnp")[:2], TICKS) == [], scenario.id

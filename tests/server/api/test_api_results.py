@@ -160,7 +160,7 @@ def test_a_page_that_was_made_meanwhile_is_not_made_again(tmp_path: Path) -> Non
 
 
 def test_a_replay_of_a_real_episode(tmp_path: Path) -> None:
-    scenario = load_suite("interdrive").scenarios[0].id
+    scenario = load_suite("interdrive@0").scenarios[0].id
     recording, page = tmp_path / "episode.npz", tmp_path / "page.html"
     job = EpisodeJob(find_suite_folder("interdrive@0"), scenario, AgentSpec("idm"), recording=recording)
     aside = SubprocessRunner(1)

@@ -190,10 +190,10 @@ def test_a_server_starts_answers_and_ends(data: Path, tmp_path: Path) -> None:
         form = {"phase": "warm-up", "track": "single-agent", "name": "method"}
         files = {"archive": ("team.zip", archive_samples.packed(archive_samples.GOOD))}
         sent = httpx.post(f"{address}/api/v1/submissions", headers=headers, data=form, files=files, timeout=60).json()
-        assert (sent["state"], sent["progress"]) == ("queued", {"queued": len(load_suite("interdrive").scenarios)}), (
+        assert (sent["state"], sent["progress"]) == ("queued", {"queued": len(load_suite("interdrive@0").scenarios)}), (
             sent
         )
-        assert sent["evaluator"]["suite"] == load_suite("interdrive").checksum()
+        assert sent["evaluator"]["suite"] == load_suite("interdrive@0").checksum()
         process.send_signal(signal.SIGTERM)
         assert process.wait(60) == 0, log.read_text()
 

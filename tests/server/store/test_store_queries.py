@@ -241,7 +241,7 @@ def test_published_rows_are_marked_and_unranked() -> None:
 
 
 def test_published_buckets_are_named_as_in_scenarios() -> None:
-    assert {scenario.bucket for scenario in load_suite("interdrive").scenarios} <= set(BUCKETS)
+    assert {scenario.bucket for scenario in load_suite("interdrive@0").scenarios} <= set(BUCKETS)
 
 
 def test_published_averages_are_the_means_of_their_buckets() -> None:

@@ -51,7 +51,7 @@ def heights(lines: tuple[Float, ...]) -> list[float]:
 
 @cache
 def packaged(name: str) -> tuple[RoadMap, MapGeometry]:
-    roads = load_road_map(find_network_folder(name, load_suite("v2xpnp").folder))
+    roads = load_road_map(find_network_folder(name, load_suite("v2xpnp@0").folder))
     return roads, build_map_geometry(roads, EVERYWHERE)
 
 

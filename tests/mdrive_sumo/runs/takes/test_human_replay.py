@@ -99,7 +99,7 @@ def test_a_replay_without_a_take(
 
 
 def test_a_take_of_another_scenario(tmp_path: Path, take: Path) -> None:
-    ended = replay(tmp_path, "--suite", "interdrive", "--scenario", "i02_*", take=str(take))
+    ended = replay(tmp_path, "--suite", "interdrive@0", "--scenario", "i02_*", take=str(take))
     assert (ended.exit_code, ended.stderr.count("\n")) == (2, 1), ended.output
     assert "expected a take of i02_" in ended.stderr
     assert "found i01_" in ended.stderr

@@ -21,7 +21,7 @@ from mdrive_sumo.study.paper.paper_plan import (
 
 @pytest.fixture(scope="module")
 def mdrive() -> Suite:
-    return load_suite("mdrive")
+    return load_suite("mdrive@0")
 
 
 @pytest.mark.slow
@@ -67,7 +67,7 @@ def test_a_standard_study_has_a_quarter_of_each_category_and_the_same_worse_chan
 
 
 def test_a_suite_without_logs_is_compared_as_a_whole(mdrive: Suite) -> None:
-    plan = make_plan(load_suite("interdrive"), PaperScale.QUICK)
+    plan = make_plan(load_suite("interdrive@0"), PaperScale.QUICK)
     assert plan.logs == plan.closed and len(plan.closed) == 3
 
 

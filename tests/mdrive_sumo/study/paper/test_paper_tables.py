@@ -125,7 +125,7 @@ def test_pairs_of_agents_with_one_planner_are_compared_scenario_by_scenario() ->
 
 
 def test_scenarios_stand_beside_those_of_the_paper() -> None:
-    table = build_scenario_table(load_suite("interdrive").scenarios)
+    table = build_scenario_table(load_suite("interdrive@0").scenarios)
     values = dict(
         zip((column.key for column in table.columns), (cell.value for cell in table.rows[0].cells), strict=True)
     )
@@ -147,7 +147,7 @@ def make_numbers(scale: PaperScale) -> PaperNumbers:
         agent: make_run(*(make_scenario(bucket, ds, bucket=bucket) for bucket in BUCKETS), agent=agent)
         for agent, ds in (("idm", 50.0), ("single", 60.0))
     }
-    suite = load_suite("interdrive")
+    suite = load_suite("interdrive@0")
     return PaperNumbers(
         plan=PaperPlan(scale, ("s",), ("s",), ("s",)),
         scenarios=suite.scenarios,

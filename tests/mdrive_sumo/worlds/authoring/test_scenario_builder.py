@@ -178,7 +178,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path, draft: Scenari
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(md.InputError, match="expected a suite's folder, or a new or empty one"):
         draft.save(tmp_path)
-    sealed = md.load_suite("interdrive").folder
+    sealed = md.load_suite("interdrive@0").folder
     with pytest.raises(md.InputError, match="expected a suite that may grow, found a sealed suite"):
         draft.save(sealed)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
