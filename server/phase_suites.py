@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
+from mdrive_sumo.scenario.season import read_stored_name
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from server import environments
 from server.enums import MIN_HIDDEN_SCENARIOS
@@ -99,7 +100,7 @@ class LoadedPhaseSuites:
     def _load(self, name: str) -> _LoadedSuite:
         with self._lock:
             if name not in self._suites:
-                suite = load_suite(name)
+                suite = load_suite(read_stored_name(name))
                 checksums = {scenario.id: suite.compute_file_checksum(scenario.id) for scenario in suite.scenarios}
                 self._suites[name] = _LoadedSuite(suite, suite.checksum(), checksums)
             return self._suites[name]

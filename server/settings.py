@@ -39,7 +39,7 @@ class PhaseSettings(SettingsModel):
     id: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
     title: Annotated[str, Field(min_length=1, max_length=120)]
     suite: Annotated[str, Field(min_length=1)]
-    """A packaged suite's name or a folder on this machine."""
+    """A packaged suite's name, without a season season 0, or a folder on this machine."""
     public: bool
     """False: the scenarios are hidden; only aggregates are shown."""
     packaged_suite: bool = False
@@ -70,7 +70,7 @@ class PhaseSettings(SettingsModel):
 WARM_UP = PhaseSettings(
     id="warm-up",
     title="Warm-up",
-    suite="interdrive",
+    suite="interdrive@0",
     public=True,
     opens=datetime(2026, 1, 1, tzinfo=UTC),
     closes=datetime(2100, 1, 1, tzinfo=UTC),

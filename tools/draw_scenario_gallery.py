@@ -27,7 +27,7 @@ from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_change
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE, PICTURES = Path("gallery.md"), Path("images/gallery")
-SUITE = "mdrive"
+SUITE = "mdrive@0"
 SIDE_PX = 300
 """Longer side of a picture: three fit beside each other on a page."""
 QUALITY = 75
@@ -35,10 +35,10 @@ QUALITY = 75
 
 HEAD = """# Scenario gallery
 
-The 225 built-in scenarios (`mdrive-sumo list scenarios --suite mdrive@0`) by bucket and category. They are remakes of our
-own with the paper's composition and hold no recorded data; the suite `hard` has [a page of its own](hard.md). CAVs are
-coloured and have routes and goals; background vehicles are grey, scripted road users and obstacles have the colours of
-the [replay](replay.md). `mdrive-sumo show ID --suite mdrive@0` draws a scenario in full size.
+The 225 built-in scenarios (`mdrive-sumo list scenarios --suite mdrive@0`) by bucket and category. They are remakes of
+our own with the paper's composition and hold no recorded data; the suite `hard` has [a page of its own](hard.md). CAVs
+are coloured and have routes and goals; background vehicles are grey, scripted road users and obstacles have the colours
+of the [replay](replay.md). `mdrive-sumo show ID --suite mdrive@0` draws a scenario in full size.
 
 `python -m tools.draw_scenario_gallery` writes this page.
 """

@@ -88,6 +88,15 @@ def find_packaged_suite(name: str) -> Path | None:
     )
 
 
+def name_exactly(name_or_folder: str) -> str:
+    """Return the exact name of a suite, which newer seasons do not change: `mdrive@0`; folders are as they are.
+
+    Raises InputError for a season that is not packaged.
+    """
+    folder = find_packaged_suite(name_or_folder)
+    return name_or_folder if folder is None else name_packaged_suite(folder) or name_or_folder
+
+
 def find_suite_folder(name_or_folder: str) -> Path:
     """Return the folder of a packaged suite by name, else the given one, which may not exist. Raises InputError."""
     return find_packaged_suite(name_or_folder) or Path(name_or_folder)

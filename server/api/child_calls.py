@@ -64,11 +64,12 @@ def write_replay_page(request: ReplayRequest) -> None:
     from mdrive_sumo.episode import load_episode
     from mdrive_sumo.report.replay_marks import find_marks
     from mdrive_sumo.report.replay_page import render_replay
+    from mdrive_sumo.scenario.season import read_stored_name
     from mdrive_sumo.scenario.suite import load_suite
     from mdrive_sumo.scenario.variation import load_varied_scenario
     from mdrive_sumo.scoring import ScenarioResult
 
-    suite = load_suite(request.suite)
+    suite = load_suite(read_stored_name(request.suite))
     result = ScenarioResult.model_validate(request.result)
     written = next(scenario for scenario in suite.scenarios if scenario.id == request.scenario)
     scenario, roads = load_varied_scenario(suite, written, result.seed)

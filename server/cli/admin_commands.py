@@ -10,6 +10,7 @@ import click
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.terminal import echo
+from mdrive_sumo.scenario.season import read_stored_name
 from server import environments
 from server.cli.data_folder import find_database_file
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
@@ -149,7 +150,8 @@ def list_phases(admin_context: _AdminContext) -> None:
     with report_store_errors(), admin_context.store.read() as session:
         for each in phases.list_phases(session):
             kind = "public" if each.public else "hidden"
-            echo(f"{each.id}  {kind}  {format_utc(each.opens_us)} - {format_utc(each.closes_us)}  {each.suite}")
+            period = f"{format_utc(each.opens_us)} - {format_utc(each.closes_us)}"
+            echo(f"{each.id}  {kind}  {period}  {read_stored_name(each.suite)}")
 
 
 @phase.command("apply")

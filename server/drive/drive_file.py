@@ -11,6 +11,8 @@ from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.core.suggestion import shorten_name
 from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.scenario.packaged_suites import name_exactly
+from mdrive_sumo.scenario.season import read_stored_name, write_stored_name
 from server.drive.session_rules import SessionRules
 from server.drive.simulation_values import DriveSetup
 
@@ -53,7 +55,7 @@ def save_drive(drive: StoredDrive) -> None:
     content = DriveFile(
         scenario=setup.scenario,
         people=list(setup.people),
-        suite=setup.suite,
+        suite=write_stored_name(name_exactly(setup.suite)),
         seed=setup.seed,
         others=setup.others,
         substitutes=list(setup.substitutes),
@@ -106,7 +108,7 @@ def _make_setup(folder: Path, content: DriveFile) -> DriveSetup:
         scenario=content.scenario,
         folder=folder,
         people=tuple(content.people),
-        suite=content.suite,
+        suite=read_stored_name(content.suite),
         seed=content.seed,
         others=content.others,
         substitutes=tuple(content.substitutes),

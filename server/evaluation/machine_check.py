@@ -12,6 +12,7 @@ from mdrive_sumo.agent_process import sandbox
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.make_executor import check_scheduler_address
 from mdrive_sumo.scenario.packaged_suites import find_packaged_suite
+from mdrive_sumo.scenario.season import read_stored_name
 from server import environments
 from server.settings import ServerSettings
 from server.store import phases
@@ -73,7 +74,7 @@ def _list_secret_paths(settings: ServerSettings) -> Iterator[tuple[str, Path]]:
     if url.get_backend_name() == "sqlite" and url.database:
         yield "database", Path(url.database)
     for phase in settings.phases:
-        if not phase.public and find_packaged_suite(phase.suite) is None:
+        if not phase.public and find_packaged_suite(read_stored_name(phase.suite)) is None:
             yield f"phase {phase.id}: suite", Path(phase.suite)
 
 

@@ -22,6 +22,7 @@ from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError
 from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.scenario.packaged_suites import find_suite_folder
+from mdrive_sumo.scenario.season import read_stored_name
 from server.archive import ArchiveRefused
 from server.environments import load_environment
 from server.evaluation.archive_cache import unpack_archive
@@ -132,7 +133,7 @@ def _load_agent(task: JobTask) -> SubmittedAgent:
 
 def _make_job(task: JobTask, agent: SubmittedAgent, other: SubmittedAgent | None) -> EpisodeJob:
     return EpisodeJob(
-        suite_folder=find_suite_folder(task.suite).absolute(),
+        suite_folder=find_suite_folder(read_stored_name(task.suite)).absolute(),
         scenario=task.scenario,
         agent=agent.agent_spec(),
         others=OtherAgents(other.agent_spec()) if other is not None else None,

@@ -64,7 +64,7 @@ class PhaseRow(TableBase):
     """Short name, as users type it: `warm-up`."""
     title: Mapped[str] = mapped_column(String(120))
     suite: Mapped[str] = mapped_column(Text)
-    """A packaged suite's name or a folder on the server."""
+    """A packaged suite's name, without a season season 0, or a folder on the server."""
     public: Mapped[bool]
     """False: the server discloses aggregates only."""
     opens_us: Mapped[int]

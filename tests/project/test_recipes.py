@@ -148,7 +148,18 @@ def drive_baseline(folder: Path) -> tuple[dict[str, Any], str]:
     from testing.local_executor import run_in_process
 
     run_in_process(pytest.MonkeyPatch())  # for this process, which ends with the module
-    run_command("eval", "--scenario", "i02*", "--agent", "full-throttle", "--out", folder / "run", "--no-record")
+    run_command(
+        "eval",
+        "--suite",
+        "interdrive@0",
+        "--scenario",
+        "i02*",
+        "--agent",
+        "full-throttle",
+        "--out",
+        folder / "run",
+        "--no-record",
+    )
     return json.loads((folder / "run" / "results.json").read_text("utf-8")), (folder / "run" / "report.md").read_text()
 
 

@@ -26,7 +26,7 @@ def phase(suite: str, **options: object) -> tuple[LoadedPhaseSuites, PhaseRow]:
 def listing(folder: Path) -> str:
     """A suite of one's own that only lists a packaged one."""
     folder.mkdir()
-    (folder / "suite.json").write_text(json.dumps({"name": "mine", "title": "Mine", "parts": ["interdrive"]}))
+    (folder / "suite.json").write_text(json.dumps({"name": "mine", "title": "Mine", "parts": ["interdrive@0"]}))
     return str(folder)
 
 

@@ -20,9 +20,9 @@ def test_only_the_first_cav_stays() -> None:
 
 
 def test_the_suite_has_its_networks_and_is_never_overwritten(tmp_path: Path) -> None:
-    write_lone_suite("mdrive", tmp_path / "lone")
+    write_lone_suite("mdrive@0", tmp_path / "lone")
     suite = load_suite(str(tmp_path / "lone"))
     assert [len(one.egos) for one in suite] == [1] * 225
     assert all(find_network_folder(one.network, suite.folder) for one in suite)
     with pytest.raises(InputError, match="expected a folder that does not exist yet"):
-        write_lone_suite("mdrive", tmp_path / "lone")
+        write_lone_suite("mdrive@0", tmp_path / "lone")

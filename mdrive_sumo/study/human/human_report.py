@@ -233,7 +233,7 @@ def build_human_report(results: HumanStudyResults, command: str) -> ComparisonRe
         "persons": str(len({drive.code for drive in results.persons})) if results.persons else NO_PERSON,
         **({"scripted drivers": f"{', '.join(kinds)}: programs, which count as no person"} if kinds else {}),
         "withdrawn": str(results.withdrawn),
-        "suite": f"{plan.suite}, seed {plan.seed}",
+        "suite": f"{plan.suite_name}, seed {plan.seed}",
         "scenarios": ", ".join(scenario.id for scenario in plan.scenarios),
         "conditions": "; ".join(
             f"{condition.name}: V2X view {'on' if condition.v2x_view else 'off'}, chat"

@@ -8,6 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.runs.run_config import MAX_SEED
 from mdrive_sumo.scenario.scenario_part import Identifier
+from mdrive_sumo.scenario.season import read_stored_name
 
 FORMAT = "mdrive-sumo/human-study-plan/1"
 PERSON = "person"
@@ -203,7 +204,7 @@ class HumanStudyPlan(PlanPart):
     participants: Annotated[int, Field(ge=1, le=MAX_PARTICIPANTS)] | tuple[Code, ...]
     """Number of participants, who get the codes P01, P02, ...; or their codes."""
     suite: Annotated[str, Field(min_length=1, max_length=400)] = "mdrive"
-    """Name of a packaged suite, or a folder."""
+    """Name of a packaged suite, or a folder; without a season, season 0."""
     seed: Annotated[int, Field(ge=0, le=MAX_SEED)] = 0
     """Seed of all drives; 0: scenarios as written. All participants and agents meet the same traffic."""
     practice: Practice | None = None
@@ -237,6 +238,11 @@ class HumanStudyPlan(PlanPart):
                 f" {len(self.codes)}"
             )
         return self
+
+    @property
+    def suite_name(self) -> str:
+        """What `load_suite` takes for the suite: a plan that names no season means season 0 for ever."""
+        return read_stored_name(self.suite)
 
     @property
     def codes(self) -> tuple[str, ...]:

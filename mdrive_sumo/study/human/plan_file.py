@@ -99,14 +99,14 @@ def _make_loader(yaml: Any) -> Any:
 
 def check_plan(plan: HumanStudyPlan, where: str) -> Suite:
     """Return the plan's suite. where: begins sentences. Raises InputError for what the suite or agents do not have."""
-    suite = load_suite(plan.suite)
+    suite = load_suite(plan.suite_name)
     cavs_by_id = {scenario.id: len(scenario.egos) for scenario in suite}
     for part, entries in (
         ("scenarios", plan.scenarios),
         ("practice", plan.practice.scenarios if plan.practice else ()),
     ):
         for entry in entries:
-            _check_scenario(f"{where}: {part}", entry, cavs_by_id, suite.name)
+            _check_scenario(f"{where}: {part}", entry, cavs_by_id, suite.label)
     for condition in plan.conditions:
         place = f"{where}: conditions: {condition.name}: partner"
         if not condition.has_person:

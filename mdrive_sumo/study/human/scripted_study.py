@@ -87,7 +87,7 @@ def drive_take(
     """
     partner = drive.condition.partner if drive.condition.partner != PERSON else DEFAULT_PARTNER
     spec = make_human_spec(substitutes=(partner,), device="script")
-    config = RunConfig(suite=plan.suite, scenario=drive.scenario.id, agent=spec, seeds=(plan.seed,), out=folder)
+    config = RunConfig(suite=plan.suite_name, scenario=drive.scenario.id, agent=spec, seeds=(plan.seed,), out=folder)
     run = prepare_take(config, suite)
     job = run.make_job(run.scenarios[0])
     scenario, roads = load_job_scenario(job)

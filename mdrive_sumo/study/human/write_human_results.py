@@ -62,7 +62,7 @@ class ComparedAgents:
     def _prepare(self, name: str) -> PreparedRun:
         plan, spec = self.study.plan, AgentSpec(name)
         config = RunConfig(
-            suite=plan.suite,
+            suite=plan.suite_name,
             scenario=",".join(scenario.id for scenario in plan.scenarios),
             agent=spec,
             seeds=(plan.seed,),

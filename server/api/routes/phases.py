@@ -5,6 +5,7 @@ from pathlib import Path
 
 from fastapi import APIRouter
 
+from mdrive_sumo.scenario.season import read_stored_name
 from server.api.dependencies import Now, ServicesDep, TeamCaller
 from server.api.problems import document_problems
 from server.api.schemas.parameters import PhaseId, to_datetime
@@ -46,7 +47,7 @@ def _to_phase(phase: tables.PhaseRow, at_us: int) -> PhaseOut:
     return PhaseOut(
         id=phase.id,
         title=phase.title,
-        suite=Path(phase.suite).name if phase.public else None,
+        suite=read_stored_name(Path(phase.suite).name) if phase.public else None,
         public=phase.public,
         open=phase.opens_us <= at_us < phase.closes_us,
         opens=to_datetime(phase.opens_us),

@@ -94,7 +94,7 @@ class HostedDrives:
             scenario=entry.scenario,
             folder=self._study.folder / entry.folder,
             people=people,
-            suite=plan.suite,
+            suite=plan.suite_name,
             seed=plan.seed,
             others=partner,
             substitutes=(partner,),

@@ -36,7 +36,7 @@ def test_list_suites_shows_our_statistics_beside_the_papers() -> None:
 
 
 def test_list_scenarios_has_a_row_for_each() -> None:
-    table, legend = call("list", "scenarios").output.split("\n\n")
+    table, legend = call("list", "scenarios", "--suite", "interdrive@0").output.split("\n\n")
     rows = table.splitlines()[2:]
     assert legend.startswith("hidden:")
     assert [s.id for s in load_suite("interdrive@0").scenarios] == [row.split()[0] for row in rows]
@@ -74,18 +74,19 @@ def test_schema_is_json(what: str) -> None:
 @pytest.mark.slow
 def test_show_draws_a_picture(tmp_path: Path) -> None:
     first = load_suite("interdrive@0").scenarios[0].id
-    done = call("show", first, "--out", tmp_path / "x.png")
+    done = call("show", first, "--suite", "interdrive@0", "--out", tmp_path / "x.png")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_show_refuses_a_glob_that_fits_several() -> None:
-    done = call("show", "*")
+    done = call("show", "*", "--suite", "interdrive@0")
     assert (done.exit_code, "to fit one scenario, found 46" in done.stderr) == (2, True)
 
 
 def test_show_refuses_an_ending_that_is_no_picture(tmp_path: Path) -> None:
-    done = call("show", load_suite("interdrive@0").scenarios[0].id, "--out", tmp_path / "x.docx")
+    first = load_suite("interdrive@0").scenarios[0].id
+    done = call("show", first, "--suite", "interdrive@0", "--out", tmp_path / "x.docx")
     assert (done.exit_code, "cannot be written" in done.stderr) == (2, True)
 
 

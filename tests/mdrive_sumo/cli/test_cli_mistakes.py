@@ -64,8 +64,14 @@ def test_help_of_every_command_writes_nothing(empty: Path) -> None:
         (("evl",), "expected a command, found 'evl'; did you mean 'eval'?"),
         (("eval", "--agent", "idmm"), "found neither; did you mean 'idm'?"),
         (("eval", "--suite", "interdrve"), "found neither; did you mean 'interdrive'?"),
-        (("eval", "--scenario", "i11_ins_sl_twn"), "found none; did you mean 'i11_ins_sl_town'?"),
-        (("eval", "--scenario", "i11*", "--scenario", "zz"), "like 'zz', found none; `mdrive-sumo list scenarios"),
+        (
+            ("eval", "--suite", "interdrive@0", "--scenario", "i11_ins_sl_twn"),
+            "found none; did you mean 'i11_ins_sl_town'?",
+        ),
+        (
+            ("eval", "--suite", "interdrive@0", "--scenario", "i11*", "--scenario", "zz"),
+            "like 'zz', found none; `mdrive-sumo list scenarios",
+        ),
         (("eval", "--sensing", "perfct"), "found 'perfct'; did you mean 'perfect'?"),
         (("eval", "--comm", "Realistic"), "found 'Realistic'; did you mean 'realistic'?"),
         (("eval", "--seed", "1", "--seed", "2"), "--seed: expected at most once, found it again"),
@@ -76,9 +82,12 @@ def test_help_of_every_command_writes_nothing(empty: Path) -> None:
         (("compare", "a", "b"), "run 'a': expected a folder that `mdrive-sumo eval` has written, found no such folder"),
         (("show", "runs/nosuch"), "run 'runs/nosuch': expected a folder"),
         (("show", NETWORK, "--captured"), "show --captured: expected the folder of a finished run, found"),
-        (("show", "i11*", "i12*", "--out", "x.png"), "expected one SCENARIO or RUN with them, found 2"),
+        (
+            ("show", "--suite", "interdrive@0", "i11*", "i12*", "--out", "x.png"),
+            "expected one SCENARIO or RUN with them, found 2",
+        ),
         (("view", "r", "--scenario", "a", "--scenario", "b", "--export", "x"), "expected one --scenario with it"),
-        (("show", "i11_ins_sl_twn"), "did you mean 'i11_ins_sl_town'?"),
+        (("show", "--suite", "interdrive@0", "i11_ins_sl_twn"), "did you mean 'i11_ins_sl_town'?"),
         (
             ("list", "agents", "there"),
             "DIR: expected only with `list runs` and `list networks`, found 'there' with `list agents`",
@@ -122,7 +131,7 @@ def test_an_agent_file_gets_a_remedy(empty: Path, words: tuple[str, ...], senten
 )
 def test_an_agent_class_gets_a_remedy(empty: Path, name: str, sentence: str) -> None:
     (empty / "mine.py").write_text(AGENT_FILE)
-    found = run("eval", "--scenario", "i11_ins_sl_town", "--agent", f"mine.py:{name}")
+    found = run("eval", "--suite", "interdrive@0", "--scenario", "i11_ins_sl_town", "--agent", f"mine.py:{name}")
     assert found.exit_code == 2 and sentence in found.stderr, found.output
 
 

@@ -69,13 +69,13 @@ def test_the_conversion_names_the_commands_that_take_its_folder(
 
 
 def test_a_run_says_what_it_drives_before_it_starts(tmp_path: Path) -> None:
-    whole = describe_cost(prepare(RunConfig(out=tmp_path)))
+    whole = describe_cost(prepare(RunConfig(suite="interdrive@0", out=tmp_path)))
     assert re.fullmatch(
         r"46 episodes \(46 scenarios\), 1\d\d drives of CAVs, at most \d+ min of simulated time;"
         r" --scenario GLOB drives fewer",
         whole,
     )
-    part = describe_cost(prepare(RunConfig(out=tmp_path, scenario="i01*", seeds=(1, 2, 3))))
+    part = describe_cost(prepare(RunConfig(suite="interdrive@0", out=tmp_path, scenario="i01*", seeds=(1, 2, 3))))
     assert part == "3 episodes (1 scenario, 3 seeds), 6 drives of CAVs, at most 2 min of simulated time"
 
 

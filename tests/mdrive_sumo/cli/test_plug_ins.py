@@ -86,7 +86,7 @@ def test_they_are_listed_with_package_version_and_checksum(installed: Path) -> N
 
 def test_they_are_part_of_a_run_that_depends_on_them(installed: Path, tmp_path: Path) -> None:
     def fingerprint(**options: object) -> dict[str, str]:
-        config = RunConfig(out=tmp_path / "run", scenario="i02*", **options)  # pyright: ignore
+        config = RunConfig(out=tmp_path / "run", scenario="i02*", **{"suite": "interdrive@0", **options})  # pyright: ignore
         return json.loads(str(prepare(config).fingerprint["plug_ins"]))
 
     assert list(fingerprint()) == ["metrics length", "metrics never"]
@@ -123,7 +123,7 @@ def test_a_run_uses_them_all_and_another_version_is_another_run(installed: Path,
 
 def test_without_plug_ins_a_run_is_what_it_was(tmp_path: Path) -> None:
     assert all(not list_plug_ins(kind) for kind in PlugInKind)
-    assert "plug_ins" not in prepare(RunConfig(out=tmp_path / "run", scenario="i02*")).fingerprint
+    assert "plug_ins" not in prepare(RunConfig(suite="interdrive@0", out=tmp_path / "run", scenario="i02*")).fingerprint
     assert "no plug-ins are installed" in call("list", "plug-ins").output
 
 
@@ -167,8 +167,8 @@ def test_a_reader_is_a_source_of_convert(tmp_path: Path) -> None:
 )
 def test_a_plug_in_that_is_none_is_a_sentence(tmp_path: Path, kind: str, name: str, source: str, sentence: str) -> None:
     commands = {
-        "metrics": ("eval", "--scenario", "i02*", "--out", tmp_path / "run"),
-        "agents": ("eval", "--scenario", "i02*", "--out", tmp_path / "run"),
+        "metrics": ("eval", "--suite", "interdrive@0", "--scenario", "i02*", "--out", tmp_path / "run"),
+        "agents": ("eval", "--suite", "interdrive@0", "--scenario", "i02*", "--out", tmp_path / "run"),
         "scenario_sources": ("list", "suites"),
         "export_formats": ("export", tmp_path, "--format", "csv", "--out", tmp_path / "out"),
         "readers": ("convert", "mine", tmp_path, "--out", tmp_path / "out"),

@@ -203,7 +203,7 @@ def test_recordings_that_are_missing_or_changed_are_refused(reference: Path, tmp
             "omniscient, log or the folder of a finished run, found 'nowhere'",
         ),
         (("--reference", "omnicient"), "found 'omnicient'; did you mean 'omniscient'?"),
-        (("--reference", "RUN", "--suite", "v2xpnp@0"), "expected a run of the suite v2xpnp, found one of short"),
+        (("--reference", "RUN", "--suite", "v2xpnp@0"), "expected a run of the suite v2xpnp@0, found one of short"),
         (("--reference", "RUN", "--scenario", "i12"), "expected a scenario id or category like 'i12', found none"),
         (("--reference", "RUN", "--seed", "3"), "found none; it has '*' with seed 0"),
         (("--reference", "RUN", "--agent", "singel"), "found neither; did you mean 'single'?"),

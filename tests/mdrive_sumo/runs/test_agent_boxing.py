@@ -161,7 +161,18 @@ def test_a_machine_without_boxes_gets_one_sentence(folder: Path, monkeypatch: py
     agent_boxing._check_machine.cache_clear()  # pyright: ignore[reportPrivateUsage]
     monkeypatch.setenv("PATH", "/nowhere")
     agent = f"{folder}/thief.py:Thief"
-    ended = invoke("eval", "--scenario", SCENARIO, "--agent", agent, "--sandbox", "--out", folder / "out")
+    ended = invoke(
+        "eval",
+        "--suite",
+        "interdrive@0",
+        "--scenario",
+        SCENARIO,
+        "--agent",
+        agent,
+        "--sandbox",
+        "--out",
+        folder / "out",
+    )
     agent_boxing._check_machine.cache_clear()  # pyright: ignore[reportPrivateUsage]
     assert ended.exit_code == 2 and "Traceback" not in ended.output
     assert "needs the program bwrap, which is not installed here" in ended.output
@@ -170,7 +181,12 @@ def test_a_machine_without_boxes_gets_one_sentence(folder: Path, monkeypatch: py
 def test_boxes_and_dask_are_refused(folder: Path) -> None:
     with pytest.raises(InputError, match="--sandbox: expected --executor local"):
         md.evaluate(
-            agent=f"{folder}/thief.py:Thief", scenario=SCENARIO, sandbox=True, scheduler="tcp://x:1", progress=False
+            "interdrive@0",
+            f"{folder}/thief.py:Thief",
+            scenario=SCENARIO,
+            sandbox=True,
+            scheduler="tcp://x:1",
+            progress=False,
         )
 
 

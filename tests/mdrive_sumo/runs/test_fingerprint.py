@@ -40,7 +40,9 @@ def test_other_weights_at_the_same_path_are_another_run(tmp_path: Path) -> None:
 
 def test_verify_says_that_weights_have_changed(tmp_path: Path) -> None:
     weights = save_tiny_weights(tmp_path, SYSTEMS["tcp"])
-    config = RunConfig(scenario="i01*", agent=AgentSpec("tcp", {"weights": str(weights)}), out=tmp_path / "run")
+    config = RunConfig(
+        suite="interdrive@0", scenario="i01*", agent=AgentSpec("tcp", {"weights": str(weights)}), out=tmp_path / "run"
+    )
     run = prepare(config)
     result = ScenarioResult.model_validate(
         {

@@ -9,12 +9,15 @@ from mdrive_sumo.runs.run_config import RunConfig
 
 def test_a_run_with_a_pace_is_given_the_time_that_its_requests_take() -> None:
     """Also one of built-in agents: 2400 ticks of a second each are no hung episode."""
-    free, paced = (prepare(RunConfig(scenario="i13*", agent=AgentSpec("idm"), pace_ms=ms)) for ms in (0.0, 1000.0))
+    free, paced = (
+        prepare(RunConfig(suite="interdrive@0", scenario="i13*", agent=AgentSpec("idm"), pace_ms=ms))
+        for ms in (0.0, 1000.0)
+    )
     assert paced.limit_s() >= free.limit_s() + 2400
 
 
 def test_what_a_killed_start_left_is_removed_from_every_folder(tmp_path: Path) -> None:
-    run = prepare(RunConfig(scenario="i13*", agent=AgentSpec("idm"), out=tmp_path))
+    run = prepare(RunConfig(suite="interdrive@0", scenario="i13*", agent=AgentSpec("idm"), out=tmp_path))
     for kind in ("episodes", "cameras", "transcripts"):
         (tmp_path / kind).mkdir()
         (tmp_path / kind / ".0123456789abcdef.part").touch()

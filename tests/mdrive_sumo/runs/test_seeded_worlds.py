@@ -19,7 +19,19 @@ SCENARIO = "i42_hw_merge_slip_road"
 @pytest.fixture(scope="module")
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("seed") / "run"
-    given = ["eval", "--scenario", SCENARIO, "--agent", "constant-speed", "--seed", "1", "--workers", "1"]
+    given = [
+        "eval",
+        "--suite",
+        "interdrive@0",
+        "--scenario",
+        SCENARIO,
+        "--agent",
+        "constant-speed",
+        "--seed",
+        "1",
+        "--workers",
+        "1",
+    ]
     assert call(*given, "--out", folder).exit_code == 0
     return folder
 

@@ -139,7 +139,18 @@ def test_rescoring_in_another_mode(copied: Path) -> None:
 
 
 def test_without_recordings_final_digests_are_compared(tmp_path: Path) -> None:
-    ended = invoke("eval", "--scenario", "i01_*", "--agent", "constant-speed", "--out", tmp_path, "--no-record")
+    ended = invoke(
+        "eval",
+        "--suite",
+        "interdrive@0",
+        "--scenario",
+        "i01_*",
+        "--agent",
+        "constant-speed",
+        "--out",
+        tmp_path,
+        "--no-record",
+    )
     assert ended.exit_code == 0, ended.output
     assert not (tmp_path / "episodes").exists()
     ended = invoke("verify", tmp_path)
@@ -175,7 +186,9 @@ def test_a_time_out_is_replayed(tmp_path: Path) -> None:
     """The agent needs 5 s of wall clock to time out when it is recorded, and none when it is verified."""
     (tmp_path / "sleeper.py").write_text(AGENT)
     agent = f"{tmp_path}/sleeper.py:Sleeper"
-    ended = invoke("eval", "--scenario", "i01_*", "--agent", agent, "--out", tmp_path / "run")
+    ended = invoke(
+        "eval", "--suite", "interdrive@0", "--scenario", "i01_*", "--agent", agent, "--out", tmp_path / "run"
+    )
     assert ended.exit_code == 1, ended.output  # its agent failed
     first = load_results(tmp_path / "run" / "results.json").scenarios[0].egos[0]
     assert (first.outcome, first.reason.split(":")[0]) == (End.AGENT_FAILED, FailureReason.TIMEOUT)

@@ -140,7 +140,19 @@ def test_labels_and_track_follow_from_what_is_done_in_the_episodes(
     ],
 )
 def test_muting_what_does_not_exist_is_refused(mute: str, agent: str, text: str, tmp_path: Path) -> None:
-    words = ["eval", "--agent", agent, "--scenario", "i01_*", "--comm-mute", mute, "--out", str(tmp_path)]
+    words = [
+        "eval",
+        "--suite",
+        "interdrive@0",
+        "--agent",
+        agent,
+        "--scenario",
+        "i01_*",
+        "--comm-mute",
+        mute,
+        "--out",
+        str(tmp_path),
+    ]
     ended = CliRunner().invoke(main, words)
     assert ended.exit_code == 2 and ended.output.count("\n") == 1
     assert f"Error: --comm-mute {mute}: " in ended.output and text.split(" among ")[0] in ended.output

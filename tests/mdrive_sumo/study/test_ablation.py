@@ -97,7 +97,9 @@ def test_the_largest_effect_comes_first() -> None:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("talk") / "run"
-    ended = invoke("eval", "--scenario", "i02_*", "--agent", TALKER, "--workers", 1, "--out", folder)
+    ended = invoke(
+        "eval", "--suite", "interdrive@0", "--scenario", "i02_*", "--agent", TALKER, "--workers", 1, "--out", folder
+    )
     assert ended.exit_code == 0, ended.output
     return folder
 
@@ -113,7 +115,19 @@ def test_an_episode_without_single_senders(finished: Path) -> None:
     assert found["*/text"]["messages"] == sum(found[f"{sender}/*"]["messages"] for sender in senders)
     changes = [abs(effect["ds_change"]) for effect in page["effects"]]
     assert changes == sorted(changes, reverse=True) and changes[0] > 0
-    silent = invoke("eval", "--scenario", "i02_*", "--agent", TALKER, "--comm", "off", "--out", finished.parent / "off")
+    silent = invoke(
+        "eval",
+        "--suite",
+        "interdrive@0",
+        "--scenario",
+        "i02_*",
+        "--agent",
+        TALKER,
+        "--comm",
+        "off",
+        "--out",
+        finished.parent / "off",
+    )
     assert silent.exit_code == 0
     alone = load_results(finished.parent / "off" / "results.json").scenarios[0]
     assert (found["*/text"]["ds"], found["*/text"]["digest"]) == (alone.ds, alone.digest)
@@ -165,7 +179,9 @@ def test_show_finds_or_drives_the_references(finished: Path, tmp_path: Path, mon
     assert first.exit_code == 0, first.output
     assert first.stderr.count("reference ") == 2 and "1/1" in first.stderr
     assert "captured [%]" in first.stdout and "captured [%]" in Path("report.md").read_text()
-    again = invoke("eval", "--scenario", "i02_*", "--agent", TALKER, "--captured", "--workers", 1)
+    again = invoke(
+        "eval", "--suite", "interdrive@0", "--scenario", "i02_*", "--agent", TALKER, "--captured", "--workers", 1
+    )
     assert again.exit_code == 0, again.output
     assert again.stderr.count("already complete") == 2  # the references of `show`
     rows = [text.splitlines()[3:7] for text in (first.stdout, again.stdout)]

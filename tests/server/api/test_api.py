@@ -91,7 +91,7 @@ def test_metrics_count_workers_that_live_and_spot_checks_that_differ(server: Ser
 def test_phases_say_whether_they_are_open_and_hide_where_suites_lie(server: Server) -> None:
     found = {each["id"]: each for each in server.get("/phases")["items"]}
     assert [found[name]["open"] for name in ("dev", "test", "past")] == [True, True, False]
-    assert found["dev"]["suite"] == "interdrive" and found["test"]["suite"] is None
+    assert found["dev"]["suite"] == "interdrive@0" and found["test"]["suite"] is None
     assert server.get("/phases/dev") == found["dev"]
     problem(server.ask("GET", "/phases/nope"), 404, "dev", "'nope'")
     problem(server.ask("GET", "/phases/NOPE"), 422, "path phase")

@@ -203,7 +203,7 @@ def test_messages_reach_the_receivers_that_the_track_allows(tmp_path: Path, monk
 
     monkeypatch.setattr(dry_run, "ProcessPool", type("P", (), {"__class_getitem__": classmethod(lambda cls, _: Idle)}))
     manifest = check_archive(written(tmp_path, packed(GOOD)), ArchiveLimits())
-    course = dry_run.DryRunOptions("interdrive", "i13*", 0, 1, tmp_path / "out")
+    course = dry_run.DryRunOptions("interdrive@0", "i13*", 0, 1, tmp_path / "out")
     for track in ChallengeTrack:
         assert list(dry_run.run_jobs(SubmittedAgent(manifest, tmp_path, HERE), track, course)) == []
     assert asked == [COMM_BY_TRACK[track] for track in ChallengeTrack]

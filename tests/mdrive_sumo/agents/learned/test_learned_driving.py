@@ -71,5 +71,7 @@ def test_damaged_weights_end_the_command_with_one_sentence(tmp_path: Path) -> No
     weights.write_bytes(b"damaged")
     config = tmp_path / "config.json"
     config.write_text(json.dumps({"weights": str(weights)}))
-    ended = invoke("eval", "--scenario", SCENARIO, "--agent", "tcp", "--agent-config", config)
+    ended = invoke(
+        "eval", "--suite", "interdrive@0", "--scenario", SCENARIO, "--agent", "tcp", "--agent-config", config
+    )
     assert ended.exit_code == 2 and "its manifest, found" in ended.output and "Traceback" not in ended.output

@@ -13,7 +13,7 @@ from mdrive_sumo.scenario.suite import load_suite
 
 
 @pytest.mark.parametrize(
-    ("suite", "index"), [("interdrive", 0), ("interdrive", 37), ("interaction", 60), ("v2xpnp", 3)]
+    ("suite", "index"), [("interdrive@0", 0), ("interdrive@0", 37), ("interaction@0", 60), ("v2xpnp@0", 3)]
 )
 def test_a_sketch_shows_every_cav_in_a_few_kilobytes(suite: str, index: int) -> None:
     packaged = load_suite(suite)
