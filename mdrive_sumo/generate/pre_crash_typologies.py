@@ -63,7 +63,8 @@ def _draft_egos(*turns: str) -> list[Draft]:
     return [{"vehicle_id": f"Vehicle {n}", "maneuver": turn} for n, turn in enumerate(turns, 1)]
 
 
-def _draft_relation(a: int, type_: str, b: int) -> Draft:
+def draft_relation(a: int, type_: str, b: int) -> Draft:
+    """Return the relation in which one vehicle stands to another, by their numbers."""
     return {"type": type_, "a": f"Vehicle {a}", "b": f"Vehicle {b}"}
 
 
@@ -115,7 +116,7 @@ def _draft_turn_and_witness(rng: random.Random) -> Draft:
     turn, side, back = rng.choice(
         (("left", "perpendicular_left_of", "right"), ("right", "perpendicular_right_of", "left"))
     )
-    return {"ego_vehicles": _draft_egos(turn, back), "vehicle_constraints": [_draft_relation(2, side, 1)]}
+    return {"ego_vehicles": _draft_egos(turn, back), "vehicle_constraints": [draft_relation(2, side, 1)]}
 
 
 def _make_crossing_draft(kind: str, turning: bool) -> Callable[[random.Random], Draft]:
@@ -125,7 +126,7 @@ def _make_crossing_draft(kind: str, turning: bool) -> Callable[[random.Random], 
         phase = "after_turn" if turning else "after_exit"
         oncoming = {
             "ego_vehicles": _draft_egos("straight", rng.choice(("straight", "right", "right", "right"))),
-            "vehicle_constraints": [_draft_relation(2, "opposite_approach_of", 1)],
+            "vehicle_constraints": [draft_relation(2, "opposite_approach_of", 1)],
         }
         speed = rng.choice(("normal", "fast"))
         cavs = _draft_turn_and_witness(rng) if turning else oncoming
@@ -139,7 +140,7 @@ def _draft_left_across_signals(rng: random.Random) -> Draft:
     waiting = _draft_car("on_approach", "stopped", vehicle=2) | {"motion": "static", "lateral_position": "left_edge"}
     return {
         "ego_vehicles": _draft_egos("left", rng.choice(("straight", "straight", "right"))),
-        "vehicle_constraints": [_draft_relation(2, "opposite_approach_of", 1)],
+        "vehicle_constraints": [draft_relation(2, "opposite_approach_of", 1)],
         "needs_oncoming": True,
         "actors": [waiting],
     }
@@ -149,7 +150,7 @@ def _draft_left_across(rng: random.Random) -> Draft:
     """A van drives ahead of the oncoming CAV."""
     return {
         "ego_vehicles": _draft_egos("left", rng.choice(("straight", "right", "right"))),
-        "vehicle_constraints": [_draft_relation(2, "opposite_approach_of", 1)],
+        "vehicle_constraints": [draft_relation(2, "opposite_approach_of", 1)],
         "needs_oncoming": True,
         "actors": [_draft_car("in_intersection", "normal", vehicle=2)],
     }
@@ -158,22 +159,22 @@ def _draft_left_across(rng: random.Random) -> Draft:
 def _draft_right_turn(rng: random.Random) -> Draft:
     """A CAV turns right into the lane of one that comes from its left."""
     third = rng.random() < 0.3
-    relations = [_draft_relation(2, "perpendicular_right_of", 1), _draft_relation(2, "merges_into_lane_of", 1)]
-    relations += [_draft_relation(3, "opposite_approach_of", 2)] * third
+    relations = [draft_relation(2, "perpendicular_right_of", 1), draft_relation(2, "merges_into_lane_of", 1)]
+    relations += [draft_relation(3, "opposite_approach_of", 2)] * third
     egos = _draft_egos(*["straight", "right", "left"][: 2 + third])
     return {"ego_vehicles": egos, "vehicle_constraints": relations, "actors": [_draft_van(1)]}
 
 
 def _draft_straight_paths(rng: random.Random) -> Draft:
     side, third = _draw_side(rng), rng.random() < 0.5
-    relations = [_draft_relation(2, side, 1)] + [_draft_relation(3, "opposite_approach_of", 1)] * third
+    relations = [draft_relation(2, side, 1)] + [draft_relation(3, "opposite_approach_of", 1)] * third
     turns = ["straight", "straight"] + [rng.choice(("left", "right"))] * third
     return {"ego_vehicles": _draft_egos(*turns), "vehicle_constraints": relations, "actors": _draw_van(side, rng)}
 
 
 def _draft_turning(rng: random.Random) -> Draft:
     side, third = _draw_side(rng), rng.random() < 0.4
-    relations = [_draft_relation(2, side, 1)] + [_draft_relation(3, "opposite_approach_of", 2)] * third
+    relations = [draft_relation(2, side, 1)] + [draft_relation(3, "opposite_approach_of", 2)] * third
     turns = [rng.choice(("left", "left", "right")), rng.choice(("straight", "left", "left"))] + [
         rng.choice(("left", "straight"))
     ] * third
@@ -200,7 +201,7 @@ def _draft_runs_sign(rng: random.Random) -> Draft:
     return {
         "topology": Topology.T_JUNCTION,
         "ego_vehicles": egos,
-        "vehicle_constraints": [_draft_relation(2, side, 1)],
+        "vehicle_constraints": [draft_relation(2, side, 1)],
         "actors": [_draft_car("in_intersection", "normal", vehicle=2) | {"actor_id": "van_2"}]
         + [_draft_van(1)] * passes,
     }
@@ -209,7 +210,7 @@ def _draft_runs_sign(rng: random.Random) -> Draft:
 def _draft_lead_braking(rng: random.Random) -> Draft:
     """The first CAV of a queue hides the car ahead from the second one."""
     turn = rng.choice(("left", "right"))
-    relations = [_draft_relation(2, "same_lane_as", 1), _draft_relation(2, "follow_route_of", 1)]
+    relations = [draft_relation(2, "same_lane_as", 1), draft_relation(2, "follow_route_of", 1)]
     return {
         "ego_vehicles": _draft_egos(turn, turn),
         "vehicle_constraints": relations,

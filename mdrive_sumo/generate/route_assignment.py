@@ -9,14 +9,11 @@ from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.worlds.lane_routes import LaneRoute, are_opposite, find_lane_change_routes, find_lane_routes
+from mdrive_sumo.worlds.placement.spawn_points import LaneRoutes
 
 PERPENDICULAR_RAD = math.radians(40)
 """[rad] Largest deviation of a crossing road from a right angle."""
 MOST_TRIES = 20000
-
-
-LaneRoutes = Mapping[str, LaneRoute]
-"""By vehicle id."""
 
 
 def assign_routes(proposal: Proposal, roads: RoadMap, rng: random.Random) -> dict[str, LaneRoute] | None:
@@ -83,57 +80,31 @@ def _find_side_entries(ways: Sequence[LaneRoute]) -> set[str]:
     return entries - {way.entry for way in ways if way.turn == "straight"}
 
 
-def _same_approach(a: LaneRoute, b: LaneRoute) -> bool:
-    return a.entry == b.entry
+def _is_perpendicular(a: LaneRoute, b: LaneRoute, side: int) -> bool:
+    """Return whether `a` comes from the right of `b` (side 1) or from its left (-1)."""
+    return abs(wrap_angle(wrap_angle(a.entry_yaw - b.entry_yaw) - side * math.pi / 2)) < PERPENDICULAR_RAD
 
 
-def _opposite(a: LaneRoute, b: LaneRoute) -> bool:
-    return are_opposite(a, b)
-
-
-def _perpendicular(side: int) -> Callable[[LaneRoute, LaneRoute], bool]:
-    def holds(a: LaneRoute, b: LaneRoute) -> bool:
-        """A vehicle from b's right drives to b's left: a quarter turn counter-clockwise from b's direction."""
-        away = wrap_angle(a.entry_yaw - b.entry_yaw) - side * math.pi / 2
-        return abs(wrap_angle(away)) < PERPENDICULAR_RAD
-
-    return holds
-
-
-def _same_exit(a: LaneRoute, b: LaneRoute) -> bool:
-    return a.exit == b.exit
-
-
-def _follows(a: LaneRoute, b: LaneRoute) -> bool:
-    return a == b
-
-
-def _beside(step: int) -> Callable[[LaneRoute, LaneRoute], bool]:
-    def holds(a: LaneRoute, b: LaneRoute) -> bool:
-        return _same_approach(a, b) and a.entry_rank == b.entry_rank + step
-
-    return holds
+def _is_beside(a: LaneRoute, b: LaneRoute, step: int) -> bool:
+    """Return whether `a` begins so many lanes to the left of `b`, on the same road."""
+    return a.entry == b.entry and a.entry_rank == b.entry_rank + step
 
 
 def _merges(a: LaneRoute, b: LaneRoute) -> bool:
-    differs = a.lanes[0] != b.lanes[0]
-    return differs and _same_exit(a, b) and a.exit_rank == b.exit_rank
-
-
-def _same_lane(a: LaneRoute, b: LaneRoute) -> bool:
-    return _same_approach(a, b) and a.entry_rank == b.entry_rank
+    return a.lanes[0] != b.lanes[0] and a.exit == b.exit and a.exit_rank == b.exit_rank
 
 
 RELATIONS: Mapping[str, Callable[[LaneRoute, LaneRoute], bool]] = {
-    "same_approach_as": _same_approach,
-    "same_road_as": _same_approach,
-    "opposite_approach_of": _opposite,
-    "perpendicular_right_of": _perpendicular(1),
-    "perpendicular_left_of": _perpendicular(-1),
-    "same_exit_as": _same_exit,
-    "follow_route_of": _follows,
-    "left_lane_of": _beside(1),
-    "right_lane_of": _beside(-1),
+    "same_approach_as": lambda a, b: a.entry == b.entry,
+    "same_road_as": lambda a, b: a.entry == b.entry,
+    "opposite_approach_of": are_opposite,
+    "perpendicular_right_of": lambda a, b: _is_perpendicular(a, b, 1),
+    "perpendicular_left_of": lambda a, b: _is_perpendicular(a, b, -1),
+    "same_exit_as": lambda a, b: a.exit == b.exit,
+    "follow_route_of": lambda a, b: a == b,
+    "left_lane_of": lambda a, b: _is_beside(a, b, 1),
+    "right_lane_of": lambda a, b: _is_beside(a, b, -1),
     "merges_into_lane_of": _merges,
-    "same_lane_as": _same_lane,
+    "same_lane_as": lambda a, b: _is_beside(a, b, 0),
 }
+"""Whether `a` stands in a relation to `b`."""

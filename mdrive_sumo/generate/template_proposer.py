@@ -2,14 +2,11 @@
 
 import random
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
-from mdrive_sumo.generate import pre_crash_typologies
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
+from mdrive_sumo.generate.pre_crash_typologies import Draft, draft_pre_crash, draft_relation
 from mdrive_sumo.generate.proposal import Maneuver, Proposal
 
-Draft = dict[str, Any]
-"""Fields of a proposal before they are checked."""
 TURN_SHARE = 0.4
 """Share of scenarios on otherwise straight routes in which one CAV turns."""
 SIDE_RELATIONS = ("perpendicular_right_of", "perpendicular_left_of", "opposite_approach_of")
@@ -33,10 +30,6 @@ def _draft_ego(number: int, maneuver: Maneuver = "straight", **more: str) -> Dra
     return {"vehicle_id": f"Vehicle {number}", "maneuver": maneuver, **more}
 
 
-def _draft_relation(a: int, type_: str, b: int) -> Draft:
-    return {"type": type_, "a": f"Vehicle {a}", "b": f"Vehicle {b}"}
-
-
 def _draw_count(rng: random.Random, mean: float) -> int:
     """Return a number of CAVs next to the mean, randomly rounded such that its expectation is the mean."""
     low = int(mean)
@@ -45,7 +38,7 @@ def _draw_count(rng: random.Random, mean: float) -> int:
 
 def _relate_followers(first: int, count: int, behind: Sequence[int], rng: random.Random) -> list[Draft]:
     """Return relations that put further CAVs behind the first ones."""
-    return [_draft_relation(n, "follow_route_of", rng.choice(list(behind))) for n in range(first, count + 1)]
+    return [draft_relation(n, "follow_route_of", rng.choice(list(behind))) for n in range(first, count + 1)]
 
 
 def _add_followers(egos: Sequence[Draft], relations: Sequence[Draft], count: int) -> list[Draft]:
@@ -60,13 +53,13 @@ def _add_followers(egos: Sequence[Draft], relations: Sequence[Draft], count: int
 def _add_turning_ego(egos: list[Draft], turn: Maneuver) -> list[Draft]:
     """Add a CAV that turns, from the road opposite the first one; return its relation."""
     egos.append(_draft_ego(len(egos) + 1, turn))
-    return [_draft_relation(len(egos), "opposite_approach_of", 1)]
+    return [draft_relation(len(egos), "opposite_approach_of", 1)]
 
 
 def _deadlock(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.7)
     turns: list[Maneuver] = [rng.choice(("left", "left", "right", "straight")) for _ in range(4)]
-    relations = [_draft_relation(n + 2, type_, 1) for n, type_ in enumerate(SIDE_RELATIONS)]
+    relations = [draft_relation(n + 2, type_, 1) for n, type_ in enumerate(SIDE_RELATIONS)]
     queue = _relate_followers(5, count, (1, 2, 3, 4), rng)
     egos = _add_followers([_draft_ego(n + 1, turn) for n, turn in enumerate(turns)], queue, count)
     return {
@@ -80,8 +73,8 @@ def _unprotected_left(rng: random.Random) -> Draft:
     count = _draw_count(rng, 5.1)
     egos = [_draft_ego(1, "left"), _draft_ego(2), _draft_ego(3)]
     relations = [
-        _draft_relation(2, "opposite_approach_of", 1),
-        _draft_relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2),
+        draft_relation(2, "opposite_approach_of", 1),
+        draft_relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2),
     ]
     queue = _relate_followers(4, count, (1, 2, 3), rng)
     parked = _draft_parked("Vehicle 2", rng.choice(("right_edge", "half_right"))) if rng.random() < 0.3 else []
@@ -112,7 +105,7 @@ def _major_minor(rng: random.Random) -> Draft:
         _draft_ego(2, entry_road="main"),
         _draft_ego(3, rng.choice(("straight", "left")), entry_road="main"),
     ]
-    relations = [_draft_relation(2, "perpendicular_left_of", 1), _draft_relation(3, "perpendicular_right_of", 1)]
+    relations = [draft_relation(2, "perpendicular_left_of", 1), draft_relation(3, "perpendicular_right_of", 1)]
     queue = _relate_followers(4, count, (1, 2, 3), rng)
     return {
         "ego_vehicles": _add_followers(egos, queue, count),
@@ -130,8 +123,8 @@ def _highway_merge(rng: random.Random) -> Draft:
         _draft_ego(3, entry_road="main"),
     ]
     relations = [
-        _draft_relation(1, "merges_into_lane_of", 2),
-        _draft_relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2),
+        draft_relation(1, "merges_into_lane_of", 2),
+        draft_relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2),
     ]
     queue = _relate_followers(4, count, (1, 2, 3), rng)
     return {
@@ -143,7 +136,7 @@ def _highway_merge(rng: random.Random) -> Draft:
 
 def _lane_drop(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.6)
-    relations = [_draft_relation(1, "merges_into_lane_of", 2), _draft_relation(3, "left_lane_of", 2)]
+    relations = [draft_relation(1, "merges_into_lane_of", 2), draft_relation(3, "left_lane_of", 2)]
     queue = _relate_followers(4, count, (1, 2), rng)
     return {
         "ego_vehicles": _add_followers([_draft_ego(1), _draft_ego(2), _draft_ego(3)], queue, count),
@@ -157,7 +150,7 @@ def _lane_change(rng: random.Random) -> Draft:
     side = rng.choice(("left_lane_of", "right_lane_of"))
     swap = rng.random() < 0.6
     egos = [_draft_ego(1, "lane_change"), _draft_ego(2, "lane_change" if swap else "straight")]
-    relations = [_draft_relation(2, side, 1)] + ([] if swap else [_draft_relation(1, "merges_into_lane_of", 2)])
+    relations = [draft_relation(2, side, 1)] + ([] if swap else [draft_relation(1, "merges_into_lane_of", 2)])
     queue = _relate_followers(3, count, (1, 2), rng)
     return {
         "ego_vehicles": _add_followers(egos, queue, count),
@@ -169,7 +162,7 @@ def _lane_change(rng: random.Random) -> Draft:
 def _blocked_lane(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.7)
     side = rng.choice(("left_lane_of", "right_lane_of"))
-    relations = [_draft_relation(2, side, 1)]
+    relations = [draft_relation(2, side, 1)]
     queue = _relate_followers(3, count, (1, 2), rng)
     kind = rng.choice(("static_prop", "parked_vehicle"))
     block = {
@@ -193,7 +186,7 @@ def _blocked_lane(rng: random.Random) -> Draft:
 def _construction(rng: random.Random) -> Draft:
     turns = rng.random() < TURN_SHARE
     count = _draw_count(rng, 4.6) - turns
-    relations = [_draft_relation(2, rng.choice(("left_lane_of", "right_lane_of")), 1)]
+    relations = [draft_relation(2, rng.choice(("left_lane_of", "right_lane_of")), 1)]
     queue = _relate_followers(3, count, (1, 2), rng)
     egos = _add_followers([_draft_ego(1), _draft_ego(2)], queue, count)
     relations += _add_turning_ego(egos, rng.choice(("left", "right"))) if turns else []
@@ -219,7 +212,7 @@ def _construction(rng: random.Random) -> Draft:
 
 def _overtaking(rng: random.Random) -> Draft:
     count = _draw_count(rng, 3.7)
-    relations = [_draft_relation(2, "opposite_approach_of", 1)]
+    relations = [draft_relation(2, "opposite_approach_of", 1)]
     queue = _relate_followers(3, count, (1, 2), rng)
     ahead = {
         "actor_id": "stopped_1",
@@ -241,7 +234,7 @@ def _overtaking(rng: random.Random) -> Draft:
 def _crosswalk(rng: random.Random) -> Draft:
     turns = rng.random() < TURN_SHARE
     count = _draw_count(rng, 3.8) - turns
-    relations = [_draft_relation(2, rng.choice(("opposite_approach_of", "perpendicular_right_of")), 1)]
+    relations = [draft_relation(2, rng.choice(("opposite_approach_of", "perpendicular_right_of")), 1)]
     queue = _relate_followers(3, count, (1, 2), rng)
     egos = _add_followers([_draft_ego(1), _draft_ego(2)], queue, count)
     relations += _add_turning_ego(egos, rng.choice(("left", "right"))) if turns else []
@@ -269,7 +262,7 @@ def _crosswalk(rng: random.Random) -> Draft:
 def _roundabout(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.0)
     egos = [_draft_ego(1, "left"), _draft_ego(2, rng.choice(("left", "straight"))), _draft_ego(3, "left")]
-    relations = [_draft_relation(2, "perpendicular_left_of", 1), _draft_relation(3, "opposite_approach_of", 1)]
+    relations = [draft_relation(2, "perpendicular_left_of", 1), draft_relation(3, "opposite_approach_of", 1)]
     queue = _relate_followers(4, count, (1, 2, 3), rng)
     return {
         "ego_vehicles": _add_followers(egos, queue, count),
@@ -279,7 +272,7 @@ def _roundabout(rng: random.Random) -> Draft:
 
 
 TEMPLATES: Mapping[Category, Callable[[random.Random], Draft]] = {
-    Category.PRE_CRASH: pre_crash_typologies.draft_pre_crash,
+    Category.PRE_CRASH: draft_pre_crash,
     Category.BLOCKED_LANE: _blocked_lane,
     Category.CONSTRUCTION: _construction,
     Category.HIGHWAY_MERGE: _highway_merge,

@@ -10,6 +10,7 @@ from mdrive_sumo.generate.hard.family import (
     build_encounter_parameters,
     load_network,
 )
+from mdrive_sumo.generate.hard.family_streets import is_corridor_network
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.encounters.hidden_vehicle import Encounter, place_encounter
@@ -85,7 +86,7 @@ def stage_blind_crossing(values: Values, seed: str) -> FamilyScene:
     actors = (*placed.actors, *_build_corner_vans(roads, encounter, site, values))
     streams = STREAMS_BY_NETWORK[site.network]
     vehicles = build_traffic(roads, streams, round(values["vehicles"]), seed, (*placed.egos, *actors))
-    return FamilyScene(roads, placed.egos, vehicles, actors, placed.rsus, site.network.startswith("hard_corridor"))
+    return FamilyScene(roads, placed.egos, vehicles, actors, placed.rsus, is_corridor_network(site.network))
 
 
 def _build_corner_vans(roads: RoadMap, encounter: Encounter, site: CrossingSite, values: Values) -> list[Actor]:

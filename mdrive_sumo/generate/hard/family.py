@@ -3,7 +3,7 @@
 A family knows nothing of agents or scores; the search varies its parameters. Equal candidates make equal scenarios.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
@@ -14,7 +14,9 @@ from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, StandingMotion
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
+from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
 from mdrive_sumo.worlds.placement.occupancy import build_user_box, overlaps_building
+from mdrive_sumo.worlds.streams.lane_flows import TrafficFlow, build_flows
 
 BUCKET = "Hard"
 """Bucket of every scenario of the hard tier."""
@@ -111,6 +113,14 @@ def _find_contacts(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
         if isinstance(actor.motion, StandingMotion) and overlaps_building(build_user_box(actor), roads):
             yield f"{actor.id} stands inside a building"
     yield from find_spawn_overlaps(scenario, roads)
+
+
+def stage_flows(
+    roads: RoadMap, platoons: Sequence[Platoon], flows: Sequence[TrafficFlow], seed: str, actors: Sequence[Actor] = ()
+) -> FamilyScene:
+    """Return a scene with platoons of CAVs, scripted actors, and reactive traffic along lanes."""
+    egos = build_platoons(roads, platoons)
+    return FamilyScene(roads, egos, build_flows(roads, flows, seed, (*egos, *actors)), tuple(actors))
 
 
 def load_network(name: str) -> RoadMap:

@@ -6,6 +6,14 @@ from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.worlds.placement.lane_chains import Lanes
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream
 
+CORRIDOR_NETWORKS = "hard_corridor_"
+"""Beginning of the names of dense corridors: with signals, buses, cyclists and pedestrians."""
+
+
+def is_corridor_network(network: str) -> bool:
+    """Return whether a network is a dense corridor."""
+    return network.startswith(CORRIDOR_NETWORKS)
+
 
 @dataclass(frozen=True, slots=True)
 class Corridor:

@@ -10,15 +10,16 @@ from mdrive_sumo.generate.hard.family import (
     ScenarioFamily,
     Values,
     load_network,
+    stage_flows,
 )
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
 from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_driving_actor, build_rider
-from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
+from mdrive_sumo.worlds.placement.cavs import Platoon
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose
 from mdrive_sumo.worlds.placement.occupancy import CAR
-from mdrive_sumo.worlds.streams.lane_flows import CARS, MIXED, TrafficFlow, build_flows
+from mdrive_sumo.worlds.streams.lane_flows import CARS, MIXED, TrafficFlow
 
 NETWORK = "hard_motorway_bend"
 LANE_M = 3.5
@@ -84,18 +85,14 @@ def _stage(values: Values, seed: str) -> FamilyScene:
     first_m = truck_m - BODY_SIZES["truck"][0] / 2 - values["truck_gap"] * speed - CAR.length / 2
     goal_m = min(queue_m + GOAL_M, compute_chain_length(roads, middle) - 20.0)
     ahead_m = first_m + 40.0 + round(values["ahead"]) * (CAR.length + values["headway"] * speed)
-    egos = build_platoons(
-        roads,
-        (
-            Platoon(middle, round(values["behind"]), first_m, goal_m, speed, values["headway"]),
-            Platoon(beside, round(values["ahead"]), ahead_m, goal_m, speed, values["headway"]),
-        ),
+    platoons = (
+        Platoon(middle, round(values["behind"]), first_m, goal_m, speed, values["headway"]),
+        Platoon(beside, round(values["ahead"]), ahead_m, goal_m, speed, values["headway"]),
     )
     truck = build_swerving_truck(roads, middle, truck_m, (begin_m, LANE_M if side else -LANE_M), speed)
     actors = (truck, *_build_queue(roads, middle, values))
     flows = (TrafficFlow(right, values["right_flow"], MIXED), TrafficFlow(left, values["left_flow"], CARS))
-    vehicles = build_flows(roads, flows, seed, (*egos, *actors))
-    return FamilyScene(roads, egos, vehicles, actors)
+    return stage_flows(roads, platoons, flows, seed, actors)
 
 
 FAMILY = ScenarioFamily(

@@ -8,13 +8,14 @@ from mdrive_sumo.generate.hard.family import (
     ScenarioFamily,
     Values,
     load_network,
+    stage_flows,
 )
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
+from mdrive_sumo.worlds.placement.cavs import Platoon
 from mdrive_sumo.worlds.placement.lane_chains import Lanes
 from mdrive_sumo.worlds.placement.parked_vehicles import ParkedRow, build_parked_row
-from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow, build_flows
+from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow
 
 NETWORK = "hard_narrow_village"
 NARROW_M = (186.0, 237.0)
@@ -55,17 +56,13 @@ def _stage(values: Values, seed: str) -> FamilyScene:
     narrow_m, speed = NARROW_M[0], values["speed"]
     leads = [narrow_m - speed * values["arrival"], narrow_m - speed * (values["arrival"] + values["offset"])]
     lead_east, lead_west = (max(lead, 10.0) for lead in leads)
-    egos = build_platoons(
-        roads,
-        (
-            Platoon(east, round(values["eastward"]), lead_east, GOAL_M, speed, values["east_headway"]),
-            Platoon(west, round(values["westward"]), lead_west, GOAL_M, speed, values["west_headway"]),
-        ),
+    platoons = (
+        Platoon(east, round(values["eastward"]), lead_east, GOAL_M, speed, values["east_headway"]),
+        Platoon(west, round(values["westward"]), lead_west, GOAL_M, speed, values["west_headway"]),
     )
     actors = _build_parked_vehicles(roads, (east, west), values["vans"], values["occupied"], seed)
     flow = TrafficFlow(east, values["flow"], CARS, is_entering=True)
-    vehicles = build_flows(roads, (flow,), seed, (*egos, *actors))
-    return FamilyScene(roads, egos, vehicles, tuple(actors))
+    return stage_flows(roads, platoons, (flow,), seed, actors)
 
 
 FAMILY = ScenarioFamily(

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation
 from mdrive_sumo.generate.hard.candidate_probes import BLIND, BOTH, SHARING, SINGLE, SINGLE_PERFECT, WAITING
-from mdrive_sumo.generate.hard.corridors import is_corridor_network
+from mdrive_sumo.generate.hard.family_streets import is_corridor_network
 from mdrive_sumo.scenario.reference_times import REFERENCE_AGENT
 
 MOST_WAITING = 20.0

@@ -8,14 +8,15 @@ from mdrive_sumo.generate.hard.family import (
     ScenarioFamily,
     Values,
     load_network,
+    stage_flows,
 )
 from mdrive_sumo.roads import find_lane_path
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_actor, build_parked_vehicle
-from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
+from mdrive_sumo.worlds.placement.cavs import Platoon
 from mdrive_sumo.worlds.placement.lane_chains import find_lane_start
-from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow, build_flows
+from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow
 
 NETWORK = "hard_works_road"
 SITE_M = (-34.0, 34.0)
@@ -72,11 +73,10 @@ def _stage(values: Values, seed: str) -> FamilyScene:
             ("west", west, "zone_westward_0", dues[1]),
         )
     ]
-    egos = build_platoons(roads, platoons)
-    actors = tuple(build_site(round(values["trucks"]), values["first_truck"]))
     flow = TrafficFlow(east, values["flow"], CARS, is_entering=True)
-    vehicles = build_flows(roads, (flow,), seed, egos)
-    return FamilyScene(roads, egos, vehicles, actors)
+    return stage_flows(
+        roads, platoons, (flow,), seed, tuple(build_site(round(values["trucks"]), values["first_truck"]))
+    )
 
 
 FAMILY = ScenarioFamily(

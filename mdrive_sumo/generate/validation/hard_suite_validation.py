@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from statistics import fmean
 
-from mdrive_sumo.generate.hard.corridors import is_corridor_network
+from mdrive_sumo.generate.hard.family_streets import is_corridor_network
 from mdrive_sumo.generate.validation.hard_validation import HARD_BUCKET
 from mdrive_sumo.generate.validation.scenario_validation import ScenarioValidation
 from mdrive_sumo.scenario.suite import Suite

@@ -11,8 +11,7 @@ from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.core.state import Actors
 from mdrive_sumo.generate.hard import (
     hidden_stop,
-    motorway_merge,
-    motorway_weave,
+    motorway_ramps,
     narrow_street,
     priority_crossings,
     works_zone,
@@ -30,8 +29,8 @@ FAMILIES: Sequence[ScenarioFamily] = (
     priority_crossings.AMBULANCE_FAMILIES[0],
     hidden_stop.FAMILY,
     priority_crossings.MIXED_FAMILIES[0],
-    motorway_merge.FAMILY,
-    motorway_weave.FAMILY,
+    motorway_ramps.MERGE_FAMILY,
+    motorway_ramps.WEAVE_FAMILY,
     narrow_street.FAMILY,
     priority_crossings.PLATOON_FAMILIES[0],
     works_zone.FAMILY,
@@ -65,7 +64,7 @@ def test_every_parameter_changes_the_scenario(family: ScenarioFamily) -> None:
 
 
 def test_no_vehicle_of_a_flow_starts_right_before_or_behind_a_cav() -> None:
-    scenario = build(motorway_merge.FAMILY, 1, right_flow=1200.0, left_flow=1500.0)
+    scenario = build(motorway_ramps.MERGE_FAMILY, 1, right_flow=1200.0, left_flow=1500.0)
     assert scenario is not None
     roads = load_network(scenario.network)
     vehicles = [one for one in scenario.background.vehicles if one.depart_s == 0.0]
@@ -82,7 +81,7 @@ def test_no_vehicle_of_a_flow_starts_right_before_or_behind_a_cav() -> None:
 
 
 def test_a_flow_has_its_mean_and_keeps_its_headway() -> None:
-    roads = load_network(motorway_merge.NETWORK)
+    roads = load_network("hard_motorway_merge")
     lanes = find_lane_path(roads, "main_0", "after_0")
     flow = TrafficFlow(lanes, 900.0, MIXED, is_entering=True)
     vehicles = build_flows(roads, (flow,), "seed", (), duration_s=3600.0)
@@ -93,7 +92,7 @@ def test_a_flow_has_its_mean_and_keeps_its_headway() -> None:
 
 
 def test_a_truck_keeps_its_governed_speed_and_fast_departures_are_on_time() -> None:
-    scenario = build(motorway_merge.FAMILY, 0)
+    scenario = build(motorway_ramps.MERGE_FAMILY, 0)
     assert scenario is not None
     way = {"edges": ("main", "merge", "after"), "depart_s": 0.0, "depart_pos_m": 60.0}
     truck = BackgroundVehicle(id="truck", depart_lane=0, depart_speed=20.0, driving=CarFollowing(max_speed=22.0), **way)
