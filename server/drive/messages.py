@@ -205,6 +205,8 @@ class WelcomeOut(_Model):
     tick_s: float
     most_ticks: int
     """Tick at which the last CAV runs out of time."""
+    time_limit_ticks: dict[str, int]
+    """Tick at which each CAV runs out of time."""
     agents: list[str]
     """To which a person may hand over, and which `what-if` may ask."""
     cavs: list[CavOut]

@@ -36,6 +36,7 @@ def build_welcome(
         pseudonyms=dict(facts.pseudonyms),
         tick_s=facts.tick_s,
         most_ticks=max(facts.time_limit_ticks.values()),
+        time_limit_ticks=dict(facts.time_limit_ticks),
         agents=list(facts.agents),
         cavs=[CavOut(id=one, driver=driver, is_connected=there) for one, (driver, there) in cavs.items()],
         weather=facts.weather,

@@ -180,7 +180,8 @@ class DrivePageServer:
             "description": "Turn left where a bus hides those who come from the other side.",
             "origin": ORIGIN, "route": route, "routes": {"ego_0": route, "ego_1": across},
             "speed_limits": [13.9] * len(route),
-            "vehicle": asdict(MKZ_2017), "tick_s": 0.05, "most_ticks": 1200, "agents": ["sharing", "idm"],
+            "vehicle": asdict(MKZ_2017), "tick_s": 0.05, "most_ticks": 1200,
+            "time_limit_ticks": {"ego_0": 900, "ego_1": 1200}, "agents": ["sharing", "idm"],
             "cavs": [
                 {"id": "ego_0", "driver": "human", "is_connected": True},
                 {"id": "ego_1", "driver": "sharing", "is_connected": False},

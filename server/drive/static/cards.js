@@ -75,12 +75,13 @@ function endBody({ score, take, takes, welcome, isDriver }, endings) {
   const stored = takes.find(({ number }) => number === take);
   const body = [];
   const total = stored?.score ?? score?.ds;
-  if (typeof total === "number") body.push(bigNumber(total));
+  const scores = stored?.ds ?? score?.cavs ?? {};
+  if (typeof total === "number") body.push(...totalBody(total, scores, welcome.cav));
   const list = make("dl", "facts");
   for (const cav of new Set([...Object.keys(endings), ...Object.keys(stored?.ds ?? {})])) {
     const word = endings[cav]; // none for who had not ended when the take was ended early
-    const ds = stored?.ds?.[cav] ?? score?.cavs?.[cav];
-    list.append(make("dt", "", nameCav(cav)), make("dd", word ? (word === "arrived" ? "good" : "bad") : "", [word, typeof ds === "number" ? `driving score ${ds.toFixed(1)}` : ""].filter(Boolean).join(", ")));
+    const ds = scores[cav];
+    list.append(make("dt", "", cav === welcome.cav ? `${nameCav(cav)} (you)` : nameCav(cav)), make("dd", word ? (word === "arrived" ? "good" : "bad") : "", [word, typeof ds === "number" ? `driving score ${ds.toFixed(1)}` : ""].filter(Boolean).join(", ")));
     const losses = stored?.losses?.[cav];
     if (losses) list.append(make("dt"), make("dd", "muted", losses));
   }
@@ -93,8 +94,19 @@ function endBody({ score, take, takes, welcome, isDriver }, endings) {
   return body;
 }
 
-function bigNumber(total) {
+/** The score of the own CAV, and those of all where others have another one: scenarios are scored by their mean. */
+function totalBody(total, scores, cav) {
+  const values = Object.values(scores);
+  const isOne = cav === null || !(cav in scores);
+  if (values.length < 2 || values.every((value) => Math.abs(value - total) < 0.05)) return [bigNumber(total, "driving score, of 100")];
+  const lowest = Object.entries(scores).reduce((least, one) => (one[1] < least[1] ? one : least));
+  const rest = `lowest ${lowest[1].toFixed(1)} (${lowest[0] === cav ? "yours" : nameCav(lowest[0])})`;
+  if (isOne) return [bigNumber(total, "driving score, mean of all CAVs, of 100"), paragraph(rest, "muted")];
+  return [bigNumber(scores[cav], "driving score of your CAV, of 100"), paragraph(`All CAVs: mean ${total.toFixed(1)}, ${rest}`, "muted")];
+}
+
+function bigNumber(total, words) {
   const line = make("p", "total");
-  line.append(make("b", "", total.toFixed(1)), make("span", "", "driving score, of 100"));
+  line.append(make("b", "", total.toFixed(1)), make("span", "", words));
   return line;
 }

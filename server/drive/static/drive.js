@@ -413,10 +413,9 @@ class DrivePage {
   }
 
   showStatus() {
-    const { tick_s, most_ticks } = this.welcome;
     const words = { driving: "driving", paused: "paused", finished: "finished", waiting: "waiting", start: "ready" };
     setText($("state"), this.take ? `take ${this.take} · ${words[this.mode] ?? this.mode}` : (words[this.mode] ?? this.mode));
-    setText($("clock"), `${formatTime((most_ticks - this.tick) * tick_s)} left`);
+    setText($("clock"), this.describeTime());
     const isSlow = this.state === "slow";
     $("pace").hidden = !isSlow;
     if (isSlow) setText($("pace"), `simulation runs at ${(this.factor ?? 1).toFixed(2)} of real time`);
@@ -429,6 +428,14 @@ class DrivePage {
     $("do-agent").hidden = !this.mayHandOver || Boolean(this.endings[this.welcome.cav]);
     document.body.classList.toggle("running", RUNNING.has(this.state));
     setText($("do-agent").lastElementChild, this.isAgentDriving ? "Take back" : "Agent");
+  }
+
+  /** The time that is left to the own CAV, or to the one that is watched, or how its drive has ended. */
+  describeTime() {
+    const { tick_s, most_ticks, time_limit_ticks, cav } = this.welcome;
+    const shown = cav ?? this.watchedCav;
+    if (this.endings[shown]) return this.endings[shown];
+    return `${formatTime(((time_limit_ticks?.[shown] ?? most_ticks) - this.tick) * tick_s)} left`;
   }
 
   /** Notes how long a key took to the picture. */

@@ -121,9 +121,16 @@ function nameDrivers(take, cav) {
   return `${[...new Set(driven)].join(" and ")}, ${driven.length} stretches`;
 }
 
+/** "score 75.0 (all CAVs 87.5)": that of the own CAV, and the mean of all where it differs. */
+function describeScore({ score, ds }, cav) {
+  const own = ds?.[cav] ?? score;
+  const all = Math.abs(own - score) < 0.05 ? "" : ` (all CAVs ${score.toFixed(1)})`;
+  return `score ${own.toFixed(1)}${all}`;
+}
+
 /** "take 2", "you → sharing", "score 87.5" or what it does. */
 function describeTake(take, cav) {
   const { number, status, score } = take;
   const words = { running: "being driven", left: "left, being finished", finished: "not scored yet", void: "void" };
-  return [`take ${number}`, nameDrivers(take, cav), typeof score === "number" ? `score ${score.toFixed(1)}` : words[status] ?? status];
+  return [`take ${number}`, nameDrivers(take, cav), typeof score === "number" ? describeScore(take, cav) : words[status] ?? status];
 }

@@ -18,6 +18,7 @@ def test_a_driver_is_welcomed_and_starts_the_clock(tmp_path: Path) -> None:
         texts = {one["is"]: one for one in told if not isinstance(one, WireFrame)}
         welcome, waiting = texts["welcome"], texts["waiting"]
         assert (welcome["role"], welcome["cav"], welcome["vehicle"]["length"]) == ("driver", "ego_0", 4.9)
+        assert welcome["time_limit_ticks"] == dict.fromkeys(("ego_0", "ego_1", "ego_2"), 1200)
         assert welcome["takes"][0]["drivers"] == {"ego_0": "human", "ego_1": "sharing", "ego_2": "sharing"}
         assert (waiting["for"], waiting["absent"]) == (["ego_0"], [])
         frame = next(one for one in told if isinstance(one, WireFrame))

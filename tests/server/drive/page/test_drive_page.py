@@ -207,13 +207,16 @@ def test_the_end_has_scores_and_commands(opened: Opened) -> None:
     assert page.is_visible("#card")
     card = page.inner_text("#card")
     for text in (
-        "87.5",
+        "75.0\ndriving score of your CAV, of 100",
+        "All CAVs: mean 87.5, lowest 75.0 (yours)",
         "mdrive-sumo verify takes/1",
         "Drag the time back",
         "blocked, driving score 100.0",
         "hit a building",
     ):
         assert text in card
+    assert page.text_content("#clock") == "arrived"
+    assert "score 75.0 (all CAVs 87.5)" in page.inner_text("#shown-take")
     assert page.evaluate(CONTRAST)["below"] == []
 
 
@@ -295,8 +298,15 @@ def test_a_spectator_watches(opened: Opened) -> None:
     server.drive(3)
     assert server.received == []
     assert page.evaluate("Drive.describe(true).centre.index") == 0
+    server.drive(1)
+    of_first = page.text_content("#clock")
     page.keyboard.press("Tab")
     assert page.evaluate("Drive.describe(true).centre.index") == 1
+    server.drive(1)
+    assert [of_first[:4], page.text_content("#clock")[:4]] == ["0:44", "0:59"]  # 900 and 1200 ticks
+    server.finish()
+    wait_until(page, "document.body.dataset.mode === 'finished'")
+    assert "87.5\ndriving score, mean of all CAVs" in page.inner_text("#card")
 
 
 def test_without_webgl_the_top_view_drives(opened: Opened) -> None:
