@@ -47,6 +47,8 @@ class Child:
     """Its number; 0: it has not said it yet."""
     checkpoint: tuple[int, int] | None = None
     """The checkpoint from which it was forked: its take and tick."""
+    motion_of: int = 0
+    """The take whose motion it builds; 0: none."""
     frame: DriveFrame | None = None
     """Its last one."""
     silent_s: float = 0.0
@@ -106,9 +108,9 @@ class ChildProcesses:
 
         return self._add(Child(self._fork(run), role, order))
 
-    def start_helper(self, run: Callable[[MessageSocket], None], number: int) -> None:
-        """Start a process that sends the answer to a call of the server."""
-        self._add(Child(self._fork(run), ChildRole.HELPING, calls={number: "help"}))
+    def start_helper(self, run: Callable[[MessageSocket], None], take: int) -> Child:
+        """Start a process that builds the motion of a finished take."""
+        return self._add(Child(self._fork(run), ChildRole.HELPING, motion_of=take))
 
     def remove(self, child: Child) -> None:
         """Forget a process that has ended."""

@@ -24,9 +24,9 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.prepared_run import recording_path
 from server.drive.message_socket import MessageSocket
 from server.drive.protocol import ROW_BYTES
-from server.drive.simulation_values import CallAnswer
 from server.drive.worker.drive_context import DriveContext
 from server.drive.worker.frame_builder import FrameBuilder, Origin
+from server.drive.worker.orders import MotionLoaded
 
 MAX_CACHED_BYTES = 2**26
 """64 MB: the motions of 40 takes of a minute with 90 road users."""
@@ -67,15 +67,15 @@ def pack_motion(take: int, frames: FrameBuilder, cavs: Sequence[str]) -> bytes:
     return b"".join((len(text).to_bytes(4, "little"), text, begins.tobytes(), *frames.rows))
 
 
-def make_motion_sender(context: DriveContext, folder: Path, take: int, number: int) -> Callable[[MessageSocket], None]:
-    """Return what sends the motion of a finished take as the answer to a call. Raises InputError without recording."""
+def make_motion_sender(context: DriveContext, folder: Path, take: int) -> Callable[[MessageSocket], None]:
+    """Return what sends the motion of a finished take. Raises InputError without recording."""
     path = recording_path(folder, context.scenario.id)
     if not path.is_file():
         raise InputError(f"take {take}: expected the recording of a finished take, found none in {folder}")
 
     def send_motion(connection: MessageSocket) -> None:
         motion = pack_recorded_motion(take, load_episode(path), context.roads, context.origin)
-        connection.send(CallAnswer(number, motion))
+        connection.send(MotionLoaded(take, motion))
 
     return send_motion
 

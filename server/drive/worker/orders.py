@@ -149,6 +149,14 @@ class TakeFinished:
 
 
 @dataclass(frozen=True, slots=True)
+class MotionLoaded:
+    """The motion of a recording."""
+
+    take: int
+    motion: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class WhatIfDone:
     """A what-if branch."""
 

@@ -32,11 +32,12 @@ from server.drive.simulation_values import (
 from server.drive.take_tree import Take, TakeStatus
 from server.drive.worker.child import Child, ChildProcesses, ChildRole
 from server.drive.worker.drive_folder import check_tick
-from server.drive.worker.motion import MotionCache, make_motion_sender
+from server.drive.worker.motion_calls import MotionCalls
 from server.drive.worker.open_drive import OpenDrive
 from server.drive.worker.orders import (
     CheckpointMade,
     LeaveOrder,
+    MotionLoaded,
     Provenance,
     TakeAlive,
     TakeDropped,
@@ -70,7 +71,7 @@ class DriveSupervisor:
         self._starting: tuple[Child, int] | None = None
         """The process of a take that begins, and the number of the call that waits for it."""
         self._finish_calls: list[int] = []
-        self._motions = MotionCache()
+        self._motions = MotionCalls(self._children, self._answer)
         self._slots = max(1, count_available_cores() - 1)
         """Processes that work in the background at a time: one core is left to the live take."""
         self._waiting = WaitingTakes(
@@ -183,11 +184,8 @@ class DriveSupervisor:
         if (child := next(found, None)) is not None:
             child.calls[number] = "load_motion"
             child.tell(DriveCall(number, "load_motion"))
-        elif (motion := self._motions.find(take)) is not None:
-            self._answer(number, motion)
         else:
-            send_motion = make_motion_sender(self.drive.context, self.drive.tree.find_folder(take), take, number)
-            self._children.start_helper(send_motion, number)
+            self._motions.ask(number, take, self.drive)
 
     def _call_what_if(
         self, number: int, take: int, tick: int, agents: tuple[str, ...], seconds: float, cavs: tuple[str, ...]
@@ -237,6 +235,8 @@ class DriveSupervisor:
             for number in self._finish_calls:
                 self._answer(number)
             self._finish_calls = []
+            if not self._children.count(ChildRole.HELPING):
+                self._motions.load_ahead(self.drive)
 
     # --------------------------------------------------------------------------------------------------- processes
 
@@ -257,6 +257,8 @@ class DriveSupervisor:
                 self._hear_checkpoint(child, message)
             case TakeAlive():
                 child.process = message.process
+            case MotionLoaded():
+                self._motions.hear(child, message)
             case TakeReady():
                 self._hear_ready(child, message)
             case TakeRefused():
@@ -346,7 +348,7 @@ class DriveSupervisor:
         if child is self._live:
             self._live = None
         child.role = ChildRole.HELPING  # it has nothing more to do than to end
-        self._motions.add(message.take, message.motion)
+        self._motions.keep(message.take, message.motion)
         self.drive.stored.note_finished(message)
         left = message.left_tick is not None
         self._server.send(TakeEnded(message.take, message.end_tick, message.score, message.ds, left))
