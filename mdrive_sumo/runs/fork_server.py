@@ -30,6 +30,9 @@ LATE_IMPORTS = {"mdrive_sumo.loop": "mdrive_sumo.sumo"}
 Serve = Callable[[Connection], None]
 """What a worker does: serve its owner at the other end of a connection until that is closed."""
 _REQUEST = b"."
+_READY = b"+"
+"""First byte that a server sends: it can fork workers. Else it sends the sentence why it cannot."""
+_MAX_SENTENCE_BYTES = 1000
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
@@ -42,6 +45,8 @@ class ForkServer:
     def __init__(self, serve: Serve) -> None:
         check_posix("a worker process")
         self._serve = serve
+        self._failure = ""
+        """Why the server before this one could not fork workers; "": it could, or was killed."""
         self._requests, self._process = self._start()
 
     def start_worker(self, theirs: Connection, state: Connection) -> None:
@@ -51,6 +56,7 @@ class ForkServer:
         died, and its workers with it, is replaced.
         """
         if not self._process.is_alive():
+            self._failure = self.find_start_failure()
             self.end()
             self._requests, self._process = self._start()
         with suppress(BrokenPipeError, ConnectionResetError):  # it has just died
@@ -61,6 +67,18 @@ class ForkServer:
         """Exit code of a server that has died, and its workers with it; None while it runs."""
         self._process.join(timeout=1.0)  # its connections are closed before it is gone
         return self._process.exitcode
+
+    def find_start_failure(self) -> str:
+        """Return why a dead server could fork no workers, e.g. a missing module; "" if it could, or was killed."""
+        if self._failure or not self.exit_code or self.exit_code < 0:
+            return self._failure
+        try:
+            told = self._requests.recv(_MAX_SENTENCE_BYTES, socket.MSG_DONTWAIT | socket.MSG_PEEK)
+        except OSError:  # it ended before it could say anything
+            told = b""
+        if told.startswith(_READY):
+            return ""
+        return told.decode("utf-8", "replace") or f"the first of them ended with exit code {self.exit_code}"
 
     def end(self) -> None:
         """End the server and all workers that are left."""
@@ -122,10 +140,8 @@ def _serve_forks(requests: socket.socket, pickled: bytes) -> None:
     """
     _leave_group_of_parent()
     gc.disable()  # all that is imported stays: looking for garbage in it takes a tenth of the time
-    serve: Serve = pickle.loads(pickled)
-    for module, late in LATE_IMPORTS.items():
-        if module in sys.modules:
-            import_module(late)
+    serve = _import_all(requests, pickled)
+    requests.send(_READY)
     gc.enable()
     gc.freeze()  # else the first collection of each worker would write to, and so copy, all that they share
     current_process().daemon = False  # Python would let it have no processes of its own
@@ -140,6 +156,21 @@ def _serve_forks(requests: socket.socket, pickled: bytes) -> None:
                 return
             worker = _fork_worker(requests, serve, *map(Connection, descriptors))
             worker_by_sentinel[worker.process.sentinel] = worker
+
+
+def _import_all(requests: socket.socket, pickled: bytes) -> Serve:
+    """Return the `Serve` with all that jobs import; if that cannot be imported, tell the owner why, and end."""
+    try:
+        serve: Serve = pickle.loads(pickled)
+        for module, late in LATE_IMPORTS.items():
+            if module in sys.modules:
+                import_module(late)
+    except Exception as error:  # noqa: BLE001 - imports run any code; the owner says it in one sentence
+        sentence = " ".join(f"{type(error).__name__}: {error}".split()).encode("utf-8", "replace")
+        with suppress(OSError):
+            requests.send(sentence[:_MAX_SENTENCE_BYTES])
+        sys.exit(1)
+    return serve
 
 
 def _fork_worker(requests: socket.socket, serve: Serve, theirs: Connection, state: Connection) -> _Worker:

@@ -38,7 +38,7 @@ class FailureKind(StrEnum):
     RAISED = auto()
     """The function raised an exception."""
     INPUT = auto()
-    """The user has to correct something: an InputError, a full disk."""
+    """The user has to correct something: an InputError, a full disk, a module that workers cannot import."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,10 @@ class WorkerProcess(Generic[J, R]):
             return self.pipe.recv() if self.pipe.poll() else None
         except (EOFError, OSError):  # OSError: it died while it was sending
             exit_code = self._find_exit_code()  # its own, not that of `end`
+            failure = self._server.find_start_failure() if self._find_pid() is None else ""
             self.end()
+            if failure:
+                return WorkerFailure(FailureKind.INPUT, f"worker processes cannot start: {failure}")
             return WorkerFailure(FailureKind.DIED, _describe_exit(exit_code))
 
     def kill(self) -> None:

@@ -14,8 +14,10 @@ from testing import processes
 from testing.paths import TESTS
 from testing.processes import alive, find_parent, written
 
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import list_packaged_networks
 from mdrive_sumo.roads.network_file import NET_FILE
+from mdrive_sumo.runs.evaluate import run_with_retries
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure, count_available_cores
 from mdrive_sumo.runs.worker_process import WorkerProcess
 
@@ -160,3 +162,16 @@ def test_available_cores_respects_the_affinity() -> None:
         assert count_available_cores() == 1
     finally:
         os.sched_setaffinity(0, before)
+
+
+def test_workers_that_cannot_start_stop_a_run_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A module that only this process has stands for one that is missing in the environment of workers."""
+    module = ModuleType("only_here")
+    exec("def run(job): return job", module.__dict__)
+    monkeypatch.setitem(sys.modules, "only_here", module)
+    failed: list[int] = []
+    with ProcessPool(module.run, 2, 60.0) as pool:
+        sentence = "^worker processes cannot start: ModuleNotFoundError: No module named 'only_here'$"
+        with pytest.raises(InputError, match=sentence):
+            list(run_with_retries(pool, range(225), lambda job, reason, is_last: failed.append(job)))
+    assert failed == []
