@@ -1,6 +1,5 @@
-"""Parts of the generator that need no simulation: ways, crops, assignment, duplicates, selection, suites of parts."""
+"""Parts of the generator that need no simulation: crops, assignment, duplicates, selection, suites of parts."""
 
-import math
 import random
 from pathlib import Path
 
@@ -16,44 +15,13 @@ from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.route_assignment import RELATIONS, assign_routes
 from mdrive_sumo.generate.selection import select_scenarios
 from mdrive_sumo.generate.template_proposer import propose
-from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import compute_heading_change_deg, compute_route_length
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
-from mdrive_sumo.worlds.lane_routes import find_lane_change_routes, find_lane_routes
-from mdrive_sumo.worlds.network_features import Topology, extract_features
-from mdrive_sumo.worlds.placement.blind_driving import blind_distance, blind_travel_time
-
-TOPOLOGIES = {
-    "avenue": Topology.CORRIDOR,
-    "country_road": Topology.TWO_LANE_CORRIDOR,
-    "freeway": Topology.HIGHWAY,
-    "lane_drop": Topology.HIGHWAY,
-    "market_crossing": Topology.INTERSECTION,
-    "roundabout": Topology.ROUNDABOUT,
-    "side_street": Topology.T_JUNCTION,
-}
 
 
 def made(category: Category, seed: str) -> Scenario:
     return build_scenario(Recipe(id=f"s{seed}", seed=seed, proposal=propose_from_template(category, seed)))
-
-
-@pytest.mark.parametrize("name", sorted(TOPOLOGIES))
-def test_topologies_are_found_from_the_network(name: str) -> None:
-    assert extract_features(load_road_map(list_packaged_networks()[name])).topology is TOPOLOGIES[name]
-
-
-@pytest.mark.parametrize("name", ["large_roundabout", "market_crossing", "expressway"])
-def test_ways_lead_from_rim_to_rim_on_connected_lanes(name: str) -> None:
-    roads = load_road_map(list_packaged_networks()[name])
-    for way in (*find_lane_routes(roads), *find_lane_change_routes(roads)):
-        for i, (here, there) in enumerate(zip(way.lanes, way.lanes[1:], strict=False)):
-            lane = roads.lanes[here]
-            beside = there in (lane.left, lane.right)
-            assert beside == (i == way.change_index)
-            assert beside or there in lane.successors
-        assert not roads.lanes[way.lanes[-1]].successors
 
 
 def test_assignments_keep_every_relation() -> None:
@@ -72,11 +40,6 @@ def test_a_crop_without_the_topology_is_refused() -> None:
     proposal = propose(Category.ROUNDABOUT, random.Random(0))
     with pytest.raises(InputError, match="networks: expected one with the topology roundabout, found none among 1"):
         find_networks(proposal, ["avenue"])
-
-
-def test_time_and_distance_of_blind_driving_are_inverse() -> None:
-    for metres in (0.5, 5.0, 12.8, 40.0, 90.0):
-        assert math.isclose(blind_distance(blind_travel_time(metres)), metres)
 
 
 def test_a_scenario_is_its_own_duplicate_and_others_are_not() -> None:
