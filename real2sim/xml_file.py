@@ -31,11 +31,17 @@ def _check_depth(root: Element) -> None:
 def read_xml(path: Path) -> Element:
     """Return the root element of an XML file; raise InputError if it is unreadable, malformed or has a DOCTYPE."""
     try:
-        root = ElementTree.fromstring(read_bytes(path), ElementTree.XMLParser(target=_DoctypeRefuser()))
-        _check_depth(root)
-        return root
+        return parse_xml(path, read_bytes(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def parse_xml(path: Path, data: bytes) -> Element:
+    """Return the root element of XML in memory, as `read_xml` does; `path` is the file that errors name."""
+    try:
+        root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_DoctypeRefuser()))
+        _check_depth(root)
+        return root
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # the last two: encodings that Python lacks
         raise InputError(f"{path}: expected well-formed XML, found: {error}") from None
     except InputError as error:

@@ -4,6 +4,8 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
+import shapely
+
 from mdrive_sumo.contract.briefing import JunctionKind
 
 RULE_BY_TYPE: Mapping[str, JunctionKind] = {
@@ -17,11 +19,14 @@ PRIORITY, STOP, ZIPPER = "M", "s", "Z"
 """States of connections in a net: those that others give way to, those behind a stop sign, lanes that merge in turn."""
 
 
-def find_junction_controls(net: Any, cars: Collection[str], signed: Collection[str]) -> Mapping[str, JunctionKind]:
+def find_junction_controls(
+    net: Any, cars: Collection[str], signed: Collection[str] | None
+) -> Mapping[str, JunctionKind]:
     """Return what controls the way into a junction, by id of the first lane inside it.
 
     net: of sumolib, with connections and foes. cars: ids of lanes that cars may use. signed: ids of lanes with a stop
-    sign. Junctions at which the ways of cars neither cross nor merge have none.
+    sign; None: unknown, so that the net says which approaches stop. Junctions at which the ways of cars neither cross
+    nor merge have none.
     """
     rings = find_roundabout_edges(net)
     return {
@@ -38,23 +43,22 @@ def find_roundabout_edges(net: Any) -> frozenset[str]:
 
 
 def _find_controls(
-    node: Any, edge: Any, cars: Collection[str], signed: Collection[str], rings: Collection[str]
+    node: Any, edge: Any, cars: Collection[str], signed: Collection[str] | None, rings: Collection[str]
 ) -> Iterator[tuple[str, JunctionKind]]:
     """Yield the ways from an approach into a junction with their control."""
     ways = [way for lane in edge.getLanes() for way in lane.getOutgoing() if way.getViaLaneID() in cars]
     conflicts = _count_conflicts(node, cars)
-    no_rules = node.getType() == "unregulated" and len(node.getIncoming()) > 1  # whose nets list no conflicts
-    rule = _find_rule(
-        node, [way for way in ways if no_rules or conflicts.get(way.getViaLaneID()) or way.getState() == ZIPPER]
-    )
-    has_sign = any(lane.getID() in signed for lane in edge.getLanes())
+    rule = _find_rule(node, [way for way in ways if conflicts.get(way.getViaLaneID()) or way.getState() == ZIPPER])
+    if signed is not None and rule in ("stop", "yield", "priority-road"):
+        has_sign = any(lane.getID() in signed for lane in edge.getLanes())
+        rule = "stop" if has_sign else "yield" if rule == "stop" else rule
     for way in ways:
         if way.getTLSID():
             yield way.getViaLaneID(), "traffic-light"
         elif edge.getID() not in rings and way.getTo().getID() in rings:
             yield way.getViaLaneID(), "roundabout"
         elif rule is not None:
-            yield way.getViaLaneID(), "stop" if has_sign and rule != "all-way-stop" else rule
+            yield way.getViaLaneID(), rule
 
 
 def _find_rule(node: Any, ways: Sequence[Any]) -> JunctionKind | None:
@@ -76,13 +80,27 @@ def _find_rule(node: Any, ways: Sequence[Any]) -> JunctionKind | None:
 
 def _count_conflicts(node: Any, cars: Collection[str]) -> Mapping[str, int]:
     """Return how many ways from other approaches cross or join each way, by id of its first lane in the junction."""
-    if not node.hasFoes():
-        return {}
     ways = [(way, node.getLinkIndex(way)) for way in node.getConnections() if way.getViaLaneID() in cars]
+    is_regulated = node.getType() != "unregulated"  # of others the net lists no conflicts
+    if is_regulated and not node.hasFoes():
+        return {}
     return {
         way.getViaLaneID(): sum(
-            node.areFoes(index, other) for there, other in ways if other >= 0 and there.getFrom() is not way.getFrom()
+            node.areFoes(index, other) if is_regulated else _touch(way, there)
+            for there, other in ways
+            if other >= 0 and there.getFrom() is not way.getFrom()
         )
         for way, index in ways
         if index >= 0
     }
+
+
+def _touch(one: Any, other: Any) -> bool:
+    """Return whether two ways end on one lane, or cross."""
+    if one.getToLane() is other.getToLane():
+        return True
+    lines = [
+        shapely.LineString([way.getFromLane().getShape()[-1][:2], way.getToLane().getShape()[0][:2]])
+        for way in (one, other)
+    ]
+    return bool(lines[0].crosses(lines[1]))

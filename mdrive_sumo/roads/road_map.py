@@ -238,12 +238,17 @@ def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: boo
         ),
         drivable_areas=about.drivable_areas,
         log_origin=about.log_origin or (0.0, 0.0),
-        junction_controls=find_junction_controls(net, cars, {sign.lane for sign in about.stop_signs or ()}),
+        junction_controls=find_junction_controls(net, cars, _list_signed_lanes(about)),
         roundabout_edges=find_roundabout_edges(net),
         parking=about.parking,
         bus_stops=about.bus_stops,
         yield_signs=about.yield_signs,
     )
+
+
+def _list_signed_lanes(about: NetworkFile) -> frozenset[str] | None:
+    """Return the lanes with a stop sign; None if they are unknown."""
+    return None if about.stop_signs is None else frozenset(sign.lane for sign in about.stop_signs)
 
 
 def _points(shape: Any) -> Float:

@@ -96,8 +96,8 @@ def _describe_town(name: str) -> NetworkOrigin:
     return NetworkOrigin(f"town {name} of a scenario; y flipped, angles negated against CARLA", UNKNOWN_LICENCE)
 
 
-def build_opendrive_network(xodr: Path, folder: Path) -> TownNetwork:
-    """Build the network folder of any OpenDRIVE map, named after its file; raise InputError.
+def build_opendrive_network(xodr: Path, folder: Path, name: str = "") -> TownNetwork:
+    """Build the network folder of any OpenDRIVE map, by default named after its file; raise InputError.
 
     The offset is that of netconvert; its error is only reported, because a map whose lanes change their widths may
     differ from its network by more than a town's.
@@ -105,7 +105,7 @@ def build_opendrive_network(xodr: Path, folder: Path) -> TownNetwork:
     drive = read_opendrive(xodr)
     side = "; left-hand: compiled as its mirror image, which was mirrored back" if drive.left_hand else ""
     about = NetworkOrigin(f"made from the OpenDRIVE map {xodr.name}{side}", UNKNOWN_LICENCE)
-    return _build_from_opendrive(make_network_name(xodr), xodr, drive, folder, about)
+    return _build_from_opendrive(name or make_network_name(xodr), xodr, drive, folder, about)
 
 
 def make_network_name(xodr: Path) -> str:

@@ -91,6 +91,35 @@ def interdrive(paths: tuple[Path, ...], towns: Path | None, out: Path, name: str
 
 
 @click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="New folder of the network.")
+@click.option("--name", metavar="NAME", help="Name of the network [default: that of the file].")
+@click.option("--left-hand", is_flag=True, help="Traffic keeps left; for OpenStreetMap, which does not say it.")
+def network(file: Path, out: Path, name: str | None, left_hand: bool) -> None:
+    """Convert your own map to a network for scenarios: SUMO net, OpenDRIVE or OpenStreetMap.
+
+    FILE is a .net.xml, .xodr or .osm file, gzipped or not. DIR/conversion.md lists what could not be kept, and what of
+    it CAVs cannot drive.
+    """
+    from real2sim.own_maps import convert_map
+
+    found = convert_map(file, out, name, left_hand)
+    facts = found.drivability
+    signs = "stop signs unknown" if found.stop_signs is None else f"{found.stop_signs} stop signs"
+    echo(
+        f"{found.name}: {found.kind}, {facts.lanes} lanes of {facts.metres / 1000:.1f} km, {facts.junctions} junctions,"
+        f" {found.signals} traffic lights, {signs}, {found.buildings} buildings"
+    )
+    for line in found.lost:
+        echo(f"not kept: {line}")
+    for line in facts.findings:
+        echo(f"check: {line}")
+    quoted = shlex.quote(str(out))
+    echo(f"Look at it and click routes: mdrive-sumo view --network {quoted}")
+    echo(f'Write scenarios on it: md.worlds.load("{out}").new_scenario("my_scenario"), see docs/how-to/own-scenario.md')
+
+
+@click.command()
 @paths_argument
 @out_option
 def opendrive(paths: tuple[Path, ...], out: Path) -> None:

@@ -9,7 +9,7 @@ import click
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.plug_ins import PlugInKind, list_plug_ins
 from mdrive_sumo.core.terminal import echo
-from real2sim.cli.authored_commands import interdrive, mdrive, opendrive
+from real2sim.cli.authored_commands import interdrive, mdrive, network, opendrive
 from real2sim.cli.log_options import V2XPNP_FOLDER, log_options, match_file, match_folder, run_conversion
 from real2sim.pipeline.log_source import ReaderPlugIn, load_reader_plug_in
 
@@ -69,6 +69,8 @@ def _make_plug_in_command(name: str, reader: ReaderPlugIn) -> click.Command:
 def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
     """Turn recordings and foreign scenario files into suites.
 
+    network makes a network of your own map, for scenarios that you write.
+
     mdrive, interdrive and opendrive are authored sources: there is no log to compare with, so they take neither
     --report nor --window nor --cavs, and write conversion.md in place of quality.json and its summary.
 
@@ -94,6 +96,7 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
 convert.add_command(mdrive)
 convert.add_command(interdrive)
 convert.add_command(opendrive)
+convert.add_command(network)
 
 
 @convert.command()

@@ -1,6 +1,6 @@
 """Read OpenStreetMap XML: nodes, ways and relations, projected to the plane."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -85,7 +85,15 @@ def read_osm(path: Path, utm_origin: tuple[float, float] | None = None) -> OsmFi
     root = read_xml(path)
     if root.tag != "osm":
         raise InputError(f"{path}: expected the root <osm>, found <{root.tag}>")
-    nodes = _read_nodes(path, root, utm_origin)
+    return parse_osm(path, root, lambda degrees: _project(path, degrees, utm_origin))
+
+
+def parse_osm(path: Path, root: Element, project: Callable[[Float], Float]) -> OsmFile:
+    """Return the contents of a file; `project`: longitudes and latitudes (N, 2) to the plane (N, 2) [m].
+
+    path: the file that errors name. Raises InputError.
+    """
+    nodes = _read_nodes(path, root, project)
     ways = {way.id: way for way in (_read_way(path, element) for element in _list_elements(root, "way"))}
     unusable = {id_: reason for id_, way in ways.items() if (reason := _find_fault(way, nodes))}
     relations = {
@@ -116,22 +124,20 @@ def _find_fault(way: OsmWay, nodes: Mapping[str, Float]) -> str:
     return "" if points > 1 else f"way {way.id}: expected at least two distinct points, found {points}"
 
 
-def _read_nodes(path: Path, root: Element, utm_origin: tuple[float, float] | None) -> Mapping[str, Float]:
+def _read_nodes(path: Path, root: Element, project: Callable[[Float], Float]) -> Mapping[str, Float]:
     elements = list(_list_elements(root, "node"))
     if not elements:
         raise InputError(f"{path}: expected nodes, found none")
     degrees = np.array([[read_number(path, element, name) for name in ("lon", "lat")] for element in elements])
     if (np.abs(degrees) > (180.0, 90.0)).any():
         raise InputError(f"{path}: expected latitudes within 90 and longitudes within 180 degrees, found others")
-    return dict(
-        zip((_read_id(path, element, "id") for element in elements), _project(path, degrees, utm_origin), strict=True)
-    )
+    return dict(zip((_read_id(path, element, "id") for element in elements), project(degrees), strict=True))
 
 
 def _project(path: Path, degrees: Float, utm_origin: tuple[float, float] | None) -> Float:
     """Project longitudes and latitudes to (N, 2) [m]."""
     crs = UTM_OF_ORIGIN if utm_origin is None else _name_utm_zone(*np.median(degrees, axis=0).tolist())
-    transformer: Any = _import_pyproj(path).Transformer.from_crs("EPSG:4326", crs, always_xy=True)
+    transformer: Any = import_pyproj(path).Transformer.from_crs("EPSG:4326", crs, always_xy=True)
     x, y = transformer.transform(*np.vstack(((0.0, 0.0), degrees)).T)
     plane = np.column_stack((x, y))[1:] - (np.array((x[0], y[0])) if utm_origin is None else utm_origin)
     if not np.isfinite(plane).all():
@@ -146,7 +152,7 @@ def _name_utm_zone(longitude: float, latitude: float) -> str:
     return f"EPSG:{(32600 if latitude >= 0.0 else 32700) + zone}"
 
 
-def _import_pyproj(path: Path) -> Any:
+def import_pyproj(path: Path) -> Any:
     """Import pyproj here because only this format needs it and the import is slow."""
     try:
         import pyproj
