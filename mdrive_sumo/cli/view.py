@@ -13,6 +13,7 @@ from mdrive_sumo.cli.replay_bar import follow_pages, write_run_replays
 from mdrive_sumo.cli.stored_run_options import choose_seed, find_one_scenario, moved_suite_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
+from mdrive_sumo.report.network_page import render_network_page
 from mdrive_sumo.report.run_page.comparison_data import (
     ComparedRun,
     build_comparison_data,
@@ -38,6 +39,8 @@ from mdrive_sumo.report.run_page.replay_files import (
 )
 from mdrive_sumo.report.run_page.run_page import render_comparison_page, render_run_page
 from mdrive_sumo.report.run_page.run_page_data import Replays, build_run_page_data, read_replays
+from mdrive_sumo.roads import list_packaged_networks, load_road_map
+from mdrive_sumo.roads.network_file import NETWORK_FILE
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_run_journal
 from mdrive_sumo.runs.stored_run import StoredRun, load_viewed_run
@@ -64,7 +67,7 @@ COMPARISON_NOTES: Mapping[ReplaySelection, str] = {
 
 
 @click.command("view")
-@click.argument("run_folders", metavar="RUN...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("run_folders", metavar="RUN...|NETWORK", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--scenario",
     "patterns",
@@ -99,11 +102,19 @@ def command(run_folders: tuple[Path, ...], **options: object) -> None:
     A run that is going on or was interrupted is shown with what it has finished, marked "partial". With --live its page
     is written anew as episodes finish, and the browser shows it; Ctrl-C ends this, and never the run.
 
-    All pages are HTML files below the (first) RUN/view that never reach the network; those of earlier calls are written
-    anew. `?` in a replay lists the keys.
+    NETWORK is a network's folder, or the name of a packaged one: its page shows the ids of lanes, and clicks on its map
+    become routes for scenarios that you write.
+
+    All pages are HTML files that never reach the network, those of runs below the (first) RUN/view; those of earlier
+    calls are written anew. `?` in a replay lists the keys.
     """
     given = _ViewOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
     given.check(len(run_folders))
+    if (network := _find_network(run_folders)) is not None:
+        path = given.export or Path(f"{network.name}.html")
+        write_page(path, render_network_page(load_road_map(network)))
+        _open([path], is_wanted=not (given.export or given.no_open))
+        return
     first, *others = run_folders
     if others:
         runs = load_compared_runs(run_folders, given.suite)
@@ -115,6 +126,14 @@ def command(run_folders: tuple[Path, ...], **options: object) -> None:
         stored = load_viewed_run(first, given.suite)
         paths = [*_write_episodes(stored, given)] if given.patterns else [_write_run_page(stored, given)]
     _open(paths, is_wanted=not (given.export or given.no_open))
+
+
+def _find_network(folders: Sequence[Path]) -> Path | None:
+    """Return the folder of a network, if that is what is to be shown; a folder goes before a packaged network."""
+    if len(folders) != 1:
+        return None
+    folder = folders[0] if folders[0].exists() else list_packaged_networks().get(str(folders[0]), folders[0])
+    return folder if (folder / NETWORK_FILE).is_file() else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,7 +84,7 @@ def pack_replay_data(
         **_run(episode, scenario, marks, origin),
         "scores": None if result is None else _scores(episode, result),
         "origin": origin.tolist(),
-        "map": _map(roads, _surroundings(episode, scenario), origin),
+        "map": pack_map(roads, _surroundings(episode, scenario), origin),
         "talk": talk,
         "notes": list_notes(episode),
         "sight_every": SIGHT_EVERY_TICKS,
@@ -123,7 +123,7 @@ def _centimetres(xy: Float, origin: Float) -> Int:
 def _run(episode: EpisodeRecord, scenario: Scenario, marks: Sequence[ReplayMark], origin: Float) -> dict[str, Any]:
     """What happened, other than motion. CAVs are named by their column."""
     column = {ego: i for i, ego in enumerate(episode.ego_ids)}
-    routes = {ego.id: _line(ego.xy, origin) for ego in scenario.egos}
+    routes = {ego.id: pack_line(ego.xy, origin) for ego in scenario.egos}
     return {
         "scenario": scenario.id,
         "description": scenario.description,
@@ -138,7 +138,7 @@ def _run(episode: EpisodeRecord, scenario: Scenario, marks: Sequence[ReplayMark]
         "sizes": np.round(np.stack((episode.length, episode.width), axis=-1), 2).tolist(),
         "routes": [routes[ego] for ego in episode.ego_ids],
         "endings": [_ending(column, ending) for ending in episode.endings],
-        "marks": [astuple(mark)[:4] + tuple(_line(np.array([(mark.x, mark.y)]), origin)) for mark in marks],
+        "marks": [astuple(mark)[:4] + tuple(pack_line(np.array([(mark.x, mark.y)]), origin)) for mark in marks],
         "contacts": [(tick, column[contact.ego], contact.other) for tick, contact in episode.contacts],
         "signals": [(change.tick, change.light, change.state) for change in episode.signals],
         "plans": [(plan.tick, column[plan.ego], len(plan.points)) for plan in episode.plans],
@@ -158,7 +158,7 @@ def _ending(column: Mapping[str, int], ending: Ending) -> tuple[int, int, str, s
     return column[ending.ego], ending.tick, str(ending.end), reason
 
 
-def _line(xy: Float, origin: Float) -> list[int]:
+def pack_line(xy: Float, origin: Float) -> list[int]:
     """Points as x0, y0, x1, y1, ... [cm] from the origin."""
     return _centimetres(xy, origin).ravel().tolist()
 
@@ -171,7 +171,7 @@ def _surroundings(episode: EpisodeRecord, scenario: Scenario) -> Any:
     return shapely.buffer(shapely.multipoints(cells), SURROUNDINGS_M + CELL_M, quad_segs=4)
 
 
-def _map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:
+def pack_map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:
     """The roads that come near the area, each whole: the geometry that plots draw as well."""
     geometry = build_map_geometry(roads, area)
     return {
@@ -179,11 +179,11 @@ def _map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:
         "aprons": [_rings(shape, origin) for shape in geometry.aprons],
         "asphalt": [_rings(shape, origin) for shape in geometry.asphalt],
         "stripes": [_rings(shape, origin) for shape in geometry.stripes],
-        "solid": [_line(line, origin) for line in geometry.markings.solid],
-        "dashed": [_line(line, origin) for line in geometry.markings.dashed],
+        "solid": [pack_line(line, origin) for line in geometry.markings.solid],
+        "dashed": [pack_line(line, origin) for line in geometry.markings.dashed],
         "buildings": [_rings(shape, origin) for shape in geometry.buildings],
         "heads": [_head(head, origin) for head in list_signal_heads(roads, area)],
-        "stops": [(_line(mark.line, origin), _sign(mark, origin)) for mark in geometry.stop_signs],
+        "stops": [(pack_line(mark.line, origin), _sign(mark, origin)) for mark in geometry.stop_signs],
         "signs_known": roads.stop_signs is not None,
     }
 
@@ -191,16 +191,16 @@ def _map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:
 def _rings(shape: shapely.Polygon, origin: Float) -> list[list[int]]:
     """Outline counter-clockwise, holes clockwise: areas that overlap are filled once, holes are not."""
     turned = orient(shape)
-    return [_line(shapely.get_coordinates(ring)[:-1], origin) for ring in (turned.exterior, *turned.interiors)]
+    return [pack_line(shapely.get_coordinates(ring)[:-1], origin) for ring in (turned.exterior, *turned.interiors)]
 
 
 def _head(head: SignalHead, origin: Float) -> tuple[list[int], float, float, tuple[str, ...]]:
     """Where a lane with lights ends [cm], its direction there [rad], its width [m], the ids of the lights."""
-    return _line(head.place[None], origin), round(head.yaw, 4), round(head.width, 2), head.lights
+    return pack_line(head.place[None], origin), round(head.yaw, 4), round(head.width, 2), head.lights
 
 
 def _sign(mark: StopMark, origin: Float) -> list[int] | None:
-    return None if mark.sign is None else _line(mark.sign[None], origin)
+    return None if mark.sign is None else pack_line(mark.sign[None], origin)
 
 
 def pack_camera_images(episode: EpisodeRecord, tracks: Sequence[CameraTrack]) -> str:

@@ -115,7 +115,7 @@ def network(file: Path, out: Path, name: str | None, left_hand: bool) -> None:
     for line in facts.findings:
         echo(f"check: {line}")
     quoted = shlex.quote(str(out))
-    echo(f"Look at it and click routes: mdrive-sumo view --network {quoted}")
+    echo(f"Look at it and click routes: mdrive-sumo view {quoted}")
     echo(f'Write scenarios on it: md.worlds.load("{out}").new_scenario("my_scenario"), see docs/how-to/own-scenario.md')
 
 

@@ -253,4 +253,4 @@ def test_the_command_says_what_to_do_next(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, ["convert", "network", str(tmp_path / "town.osm"), "--out", str(tmp_path / "net")])
     assert done.exit_code == 0, done.output
     assert "town: OpenStreetMap extract, 16 lanes of 1.8 km, 2 junctions, 1 traffic lights, 1 stop signs" in done.output
-    assert f"mdrive-sumo view --network {tmp_path / 'net'}" in done.output
+    assert f"mdrive-sumo view {tmp_path / 'net'}" in done.output
