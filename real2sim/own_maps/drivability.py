@@ -17,6 +17,8 @@ GAP_M = 1.5
 """[m] Between the end of a lane and the begin of its successor: points of a route are at most this far apart."""
 BEND_M = 3.0
 """[m] Stretch over which a bend is measured: that of the checks of packaged suites."""
+U_TURN_RAD = 2.6
+"""[rad] Of 150 degrees: a lane that turns by more leads back."""
 LEAST_RADIUS_M = 4.5
 """[m] A tighter bend is a kink, which no car drives."""
 
@@ -108,6 +110,8 @@ def _find_gaps(roads: RoadMap, lane: Lane) -> Iterator[str]:
 def _has_kink(lane: Lane) -> bool:
     if lane.centre.length < BEND_M:
         return False
+    if abs(np.angle(np.exp(1j * (lane.centre.yaws[-1] - lane.centre.yaws[0])))) > U_TURN_RAD:
+        return False  # where a road ends netconvert lets traffic turn back; routes do not lead there
     stations = np.arange(0.0, lane.centre.length - BEND_M, 1.0)
     before, after = lane.centre.yaws_at(stations), lane.centre.yaws_at(stations + BEND_M)
     turns = np.abs(np.angle(np.exp(1j * (after - before))))
