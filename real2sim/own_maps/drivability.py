@@ -10,7 +10,7 @@ from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.vehicle.dynamics import MKZ_2017
 
 LEAST_WAY_M = 30.0
-"""[m] A network whose longest way is shorter has no room for a CAV to start, to meet somebody, and to arrive."""
+"""[m] A network whose longest way is shorter has no room to start, to meet another CAV, and to arrive."""
 LEAST_WIDTH_M = MKZ_2017.width + 0.2
 """[m] Of a lane: the car of every CAV, and 10 cm on either side."""
 GAP_M = 1.5
