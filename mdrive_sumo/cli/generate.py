@@ -11,6 +11,7 @@ import click
 from pydantic import ValidationError
 
 from mdrive_sumo.cli.generate_hard import HARD_COUNT, check_hard_options, generate_hard, hard_options
+from mdrive_sumo.cli.generate_season import check_season_options, generate_season, read_secret, season_options
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.core.terminal import echo
@@ -38,8 +39,6 @@ from mdrive_sumo.scenario.suite import SuiteFile, load_suite
 FOLDER = click.Path(path_type=Path, file_okay=False)
 COUNT = 10
 """Scenarios of a command that says no number; chosen: enough to look at."""
-LEAST_SECRET = 16
-"""Least length of a private seed [characters], so that it cannot be guessed."""
 
 
 def _model_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -72,25 +71,32 @@ def _model_options(function: Callable[..., None]) -> Callable[..., None]:
 @click.option("--explain", is_flag=True, help="Print every proposal that was refused, at which stage and why.")
 @click.option("--rebuild", metavar="SUITE", help="Make SUITE again from its recipes and compare, or write it to --out.")
 @hard_options
+@season_options
 @_model_options
 @click.pass_context
 def command(ctx: click.Context, rebuild: str | None, category: str | None, out: Path | None, **options: Any) -> None:
     """Generate scenarios: proposed, placed on a network, checked, driven blindly and by `omniscient`.
 
     --hard searches the hard tier instead: for scenarios that `omniscient` solves and the best rules that see and talk
-    do not (docs/hard.md). Ctrl-C stops the search, the same command continues it.
+    do not (docs/hard.md). --season draws a whole season of the benchmark (docs/seasons.md). Ctrl-C stops either, the
+    same command continues it.
 
     Exit codes: 0 done, 1 fewer scenarios than asked for (or a rebuilt one differs), 2 unusable input.
     """
     if rebuild is not None:
         ctx.exit(_rebuild_suite(rebuild, out))
+    check_season_options(options)
+    if options["season"] is not None:
+        if out is None:
+            raise click.UsageError("--season: expected --out, found none")
+        ctx.exit(generate_season(ctx, options, out))
     check_hard_options(options, category)
     if options["hard"]:
         if out is None:
             raise click.UsageError("--hard: expected --out, found none")
         ctx.exit(generate_hard(ctx, options, _read_secret(options), out))
     if category is None or out is None:
-        raise click.UsageError("expected --category and --out (or --rebuild), found none")
+        raise click.UsageError("expected --category and --out (or --season, --hard or --rebuild), found none")
     order = GenerationRequest(
         Category(category), options["count"] or COUNT, options["seed"], options["split"], _read_secret(options)
     )
@@ -102,16 +108,7 @@ def _read_secret(options: dict[str, Any]) -> str:
         raise click.UsageError("expected --seed-file together with --split hidden, found one without the other")
     if options["seed_file"] is None:
         return ""
-    wanted = f"{options['seed_file']}: expected a private seed of {LEAST_SECRET} characters or more"
-    try:
-        secret = read_text(options["seed_file"]).strip()
-    except OSError as error:
-        raise InputError(f"{wanted}, found no file to read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{wanted}, found bytes that are no text") from None
-    if len(secret) < LEAST_SECRET:
-        raise InputError(f"{wanted}, found {len(secret)}")
-    return secret
+    return read_secret(options["seed_file"])
 
 
 def _choose_proposer(options: dict[str, Any]) -> tuple[Proposer, str]:

@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass
 
-from mdrive_sumo.scenario.categories import FIGURES, Category, CategoryFigures
+from mdrive_sumo.scenario.categories import FIGURES, Category, CategoryFigures, InterDriveCategory
 from mdrive_sumo.worlds.network_features import Topology
 
 
@@ -138,3 +138,101 @@ CATEGORIES: dict[Category, CategoryRequirements] = {
         ("lane_drop",),
     ),
 }
+
+_CROSSINGS = (Topology.INTERSECTION, Topology.T_JUNCTION)
+INTERDRIVE: dict[InterDriveCategory, CategoryRequirements] = {
+    name: CategoryRequirements(title, description, road, cav_range, None)
+    for name, title, description, road, cav_range in (
+        (
+            InterDriveCategory.CUT_IN,
+            "Same Lane at a Junction",
+            "Side by side before a junction, one CAV changes into the lane of the other.",
+            RoadRequirements(_CROSSINGS, multi_lane=True),
+            (2, 2),
+        ),
+        (
+            InterDriveCategory.STRAIGHT,
+            "Straight against Straight",
+            "CAVs cross a junction straight on from two roads.",
+            RoadRequirements((Topology.INTERSECTION,)),
+            (2, 4),
+        ),
+        (
+            InterDriveCategory.LEFT,
+            "Straight against Left",
+            "A CAV turns left out of a cross street before CAVs that go straight on.",
+            RoadRequirements(_CROSSINGS),
+            (2, 4),
+        ),
+        (
+            InterDriveCategory.RIGHT,
+            "Straight against Right",
+            "A CAV turns right into the lane of CAVs that go straight on.",
+            RoadRequirements(_CROSSINGS),
+            (2, 4),
+        ),
+        (
+            InterDriveCategory.ONCOMING_LEFT,
+            "Left against Oncoming",
+            "CAVs turn left through oncoming CAVs.",
+            RoadRequirements(_CROSSINGS, oncoming=True),
+            (2, 4),
+        ),
+        (
+            InterDriveCategory.SAME_EXIT,
+            "Right and Left into One Lane",
+            "CAVs that turn right and oncoming ones that turn left want the same lane.",
+            RoadRequirements(_CROSSINGS, oncoming=True),
+            (2, 4),
+        ),
+        (
+            InterDriveCategory.SWAP,
+            "Lane Swap before a Junction",
+            "CAVs side by side swap lanes before they turn apart.",
+            RoadRequirements(_CROSSINGS, multi_lane=True),
+            (2, 4),
+        ),
+        (
+            InterDriveCategory.CHAOS,
+            "All from Everywhere",
+            "CAVs from all roads reach a junction at once.",
+            RoadRequirements((Topology.INTERSECTION,)),
+            (6, 8),
+        ),
+        (
+            InterDriveCategory.MERGE,
+            "Ramp into a Row",
+            "CAVs from a ramp join CAVs on the motorway.",
+            RoadRequirements((Topology.HIGHWAY,), multi_lane=True, on_ramp=True, merge=True),
+            (2, 4),
+        ),
+        (
+            InterDriveCategory.LANE_CHANGES,
+            "Many Lane Changes",
+            "On a motorway CAVs side by side cross each other's ways.",
+            RoadRequirements((Topology.HIGHWAY,), multi_lane=True),
+            (6, 8),
+        ),
+    )
+}
+"""Of the InterDrive bucket; names and contents follow the packaged suite (`interdrive`, season 0)."""
+
+
+INTERDRIVE_ROUTE_M: dict[InterDriveCategory, float] = {
+    InterDriveCategory.CUT_IN: 60.0,
+    InterDriveCategory.STRAIGHT: 49.0,
+    InterDriveCategory.LEFT: 54.0,
+    InterDriveCategory.RIGHT: 56.0,
+    InterDriveCategory.ONCOMING_LEFT: 52.0,
+    InterDriveCategory.SAME_EXIT: 54.0,
+    InterDriveCategory.SWAP: 64.0,
+    InterDriveCategory.CHAOS: 48.0,
+    InterDriveCategory.MERGE: 60.0,
+    InterDriveCategory.LANE_CHANGES: 47.0,
+}
+"""[m] Mean routes by category in the packaged suite, whose mean is that of the original (51.83 m)."""
+
+
+def find_requirements(category: Category | InterDriveCategory) -> CategoryRequirements:
+    """Return the fixed properties of a category of either bucket."""
+    return INTERDRIVE[category] if isinstance(category, InterDriveCategory) else CATEGORIES[category]

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
-from mdrive_sumo.core.output_files import copy_file, make_parents
+from mdrive_sumo.core.output_files import copy_file, make_folder, make_parents
+from mdrive_sumo.generate.drawn_places import redraw_network
 from mdrive_sumo.generate.hard.hard_recipe import HardRecipe, build_hard_scenario, is_hard_recipe, load_hard_recipe
 from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
@@ -16,6 +17,7 @@ from mdrive_sumo.scenario.packaged_suites import find_suite_folder, list_exact_s
 from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE
 from mdrive_sumo.scenario.scenario import Scenario, save_scenario
 from mdrive_sumo.scenario.suite import (
+    NETWORKS_FOLDER,
     RECIPE_FILE,
     SCENARIO_FILE,
     Suite,
@@ -48,10 +50,11 @@ def write_generated_suite(
     made: Iterable[tuple[AnyRecipe, Scenario]],
     folder: Path,
     add_files: Callable[[Suite], object] | None = None,
+    networks: Mapping[str, Path] | None = None,
 ) -> Suite:
     """Write a sealed suite and its recipes; the folder appears when everything is written. Raises InputError.
 
-    add_files: writes further files beside the sealed suite.
+    add_files: writes further files beside the sealed suite. networks: folders of networks of its own, by name.
     """
     check_output_folder(folder)
     pairs = list(made)
@@ -60,6 +63,8 @@ def write_generated_suite(
         tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as scratch,
     ):
         draft = Path(scratch) / "suite"
+        for name, network in (networks or {}).items():
+            _copy_network(network, draft / NETWORKS_FOLDER / name)
         save_suite(Suite(about.model_copy(update={"checksum": ""}), draft, tuple(one for _, one in pairs)))
         sealed = seal_suite(load_suite(str(draft)))  # of what is read again: files hold rounded numbers
         save_suite(sealed)
@@ -71,6 +76,11 @@ def write_generated_suite(
             folder.rmdir()
         draft.rename(folder)
     return load_suite(str(folder))
+
+
+def _copy_network(network: Path, folder: Path) -> None:
+    for path in sorted(network.iterdir()):
+        copy_file(path, make_folder(folder) / path.name)
 
 
 def load_recipes(name_or_folder: str) -> dict[Path, AnyRecipe]:
@@ -93,10 +103,14 @@ def _load_any_recipe(path: Path) -> AnyRecipe:
     return load_hard_recipe(path) if is_hard_recipe(path) else load_recipe(path)
 
 
-def rebuild_scenario(recipe: AnyRecipe) -> Scenario:
-    """Return the scenario of a recipe; raises InputError where this generator rejects it."""
+def rebuild_scenario(recipe: AnyRecipe, networks: Path) -> Scenario:
+    """Return the scenario of a recipe, its place drawn into a folder below `networks` if it has one; raises InputError
+    where this generator rejects it."""
     try:
-        return build_hard_scenario(recipe) if isinstance(recipe, HardRecipe) else build_scenario(recipe)
+        if isinstance(recipe, HardRecipe):
+            return build_hard_scenario(recipe)
+        roads = redraw_network(recipe.place, networks) if recipe.place is not None else None
+        return build_scenario(recipe, roads=roads)
     except ProposalRejected as refused:
         raise InputError(f"recipe {recipe.id}: refused at stage {refused.stage}: {refused.reason}") from None
 
@@ -113,18 +127,22 @@ def write_rebuilt_suite(suite: Suite, recipes: Mapping[Path, AnyRecipe], folder:
                 if path.is_file():
                     copy_file(path, sealed.folder / path.name)
 
-    made = [(recipe, rebuild_scenario(recipe)) for recipe in recipes.values()]
-    return write_generated_suite(suite.about, made, folder, copy_measured)
+    with tempfile.TemporaryDirectory() as scratch:
+        made = [(recipe, rebuild_scenario(recipe, Path(scratch))) for recipe in recipes.values()]
+        networks = {path.name: path for path in Path(scratch).iterdir()}
+        return write_generated_suite(suite.about, made, folder, copy_measured, networks)
 
 
 def find_rebuild_differences(recipes: Mapping[Path, AnyRecipe]) -> Iterator[str]:
-    """Return the names of scenario folders whose file is missing or differs from the rebuilt one, byte for byte."""
-    with tempfile.TemporaryDirectory() as scratch:
-        again = Path(scratch) / SCENARIO_FILE
-        for home, recipe in recipes.items():
-            save_scenario(rebuild_scenario(recipe), again)
-            found = home / SCENARIO_FILE
-            if not found.is_file() or read_bytes(again) != read_bytes(found):
+    """Return the names of scenario folders whose file, or whose network, is missing or differs from the rebuilt one,
+    byte for byte."""
+    for home, recipe in recipes.items():
+        with tempfile.TemporaryDirectory() as scratch:
+            networks, again = Path(scratch) / NETWORKS_FOLDER, Path(scratch) / SCENARIO_FILE
+            save_scenario(rebuild_scenario(recipe, networks), again)
+            drawn = [path.relative_to(scratch) for path in sorted(networks.glob("*/*"))]
+            pairs = [(again, home / SCENARIO_FILE), *((Path(scratch) / path, home.parent / path) for path in drawn)]
+            if not all(found.is_file() and read_bytes(made) == read_bytes(found) for made, found in pairs):
                 yield home.name
 
 

@@ -27,7 +27,7 @@ def find_networks(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMa
     folders = list_packaged_networks()
     chosen = names or [name for name in folders if not (is_hard_tier(name) or is_for_training(name))]
     maps = [load_road_map(folders[name]) for name in sorted(chosen)]
-    fitting = tuple(roads for roads in maps if _is_suitable(extract_features(roads), proposal))
+    fitting = tuple(roads for roads in maps if is_suitable(extract_features(roads), proposal))
     if not fitting:
         needs = [name for name in ("oncoming", "multi_lane", "on_ramp", "merge") if getattr(proposal, f"needs_{name}")]
         asked = " with ".join((proposal.topology, *(", ".join(needs),) * bool(needs)))
@@ -35,7 +35,8 @@ def find_networks(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMa
     return fitting
 
 
-def _is_suitable(offer: NetworkFeatures, proposal: Proposal) -> bool:
+def is_suitable(offer: NetworkFeatures, proposal: Proposal) -> bool:
+    """Return whether a network has the topology and all features that a proposal needs."""
     asked = ((proposal.needs_oncoming, offer.oncoming), (proposal.needs_multi_lane, offer.multi_lane))
     ramps = ((proposal.needs_on_ramp, offer.on_ramp), (proposal.needs_merge, offer.merge))
     return offer.topology is proposal.topology and all(has or not need for need, has in (*asked, *ramps))

@@ -8,7 +8,8 @@ import random
 from collections.abc import Mapping, Sequence
 
 from mdrive_sumo.core.errors import WorldError
-from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
+from mdrive_sumo.generate.category_requirements import INTERDRIVE_ROUTE_M, Category, find_requirements
+from mdrive_sumo.generate.drawn_places import open_place
 from mdrive_sumo.generate.duplicates import find_duplicate
 from mdrive_sumo.generate.network_choice import find_networks
 from mdrive_sumo.generate.pre_crash_typologies import find_typology_networks
@@ -18,7 +19,9 @@ from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected, reje
 from mdrive_sumo.generate.route_assignment import assign_routes
 from mdrive_sumo.generate.rules import find_rule_violations
 from mdrive_sumo.generate.screening import ScreeningResult, screen_scenario
+from mdrive_sumo.generate.start_shift import find_start_shift
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.scenario.categories import InterDriveCategory
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
@@ -30,20 +33,25 @@ from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
 from mdrive_sumo.worlds.placement.lane_chains import build_way_line
 from mdrive_sumo.worlds.placement.spawn_points import LaneRoutes, choose_spawn_points
 
-BUCKET = "Interaction"
+BUCKET, INTERDRIVE_BUCKET = "Interaction", "InterDrive"
+INTERDRIVE_RUN_UP_M = (14.0, 28.0)
+"""[m] Distance from start to conflict of the first CAV: routes of 52 m leave room for a turn and a queue."""
 DEFAULT_ROUTE_M = 100.0
 """[m] Length of routes where the paper lists none."""
 
 
-def build_scenario(recipe: Recipe, networks: Sequence[str] = ()) -> Scenario:
+def build_scenario(recipe: Recipe, networks: Sequence[str] = (), roads: RoadMap | None = None) -> Scenario:
     """Run the stages up to soundness; raises ProposalRejected.
 
-    networks: names of those to choose from instead of the category's.
+    networks: names of those to choose from instead of the category's. roads: the network of a recipe with a place.
     """
+    if roads is None and recipe.place is not None:
+        with open_place(recipe.place) as drawn:
+            return build_scenario(recipe, roads=drawn)
     proposal, rng = recipe.proposal, random.Random(recipe.seed)
     if wrong := find_rule_violations(proposal):
         raise ProposalRejected(PipelineStage.RULES, "; ".join(wrong))
-    roads = _choose_network(proposal, networks, rng)
+    roads = roads or _choose_network(proposal, networks, rng)
     ways = assign_routes(proposal, roads, rng)
     if ways is None:
         raise ProposalRejected(
@@ -51,15 +59,17 @@ def build_scenario(recipe: Recipe, networks: Sequence[str] = ()) -> Scenario:
         )
     egos = _build_egos(proposal, ways, roads, rng)
     actors = _place_actors(proposal, egos, roads, rng)
+    is_interdrive = isinstance(proposal.category, InterDriveCategory)
     scenario = Scenario(
         id=recipe.id,
-        bucket=BUCKET,
+        bucket=INTERDRIVE_BUCKET if is_interdrive else BUCKET,
         category=proposal.category,
         network=roads.name,
         description=proposal.description,
         egos=tuple(egos.values()),
         actors=actors,
         weather=recipe.weather,
+        start_shift=find_start_shift(tuple(egos.values()), actors, roads) if recipe.place else None,
     )
     with reject_at(PipelineStage.SOUNDNESS):
         check_scenario(scenario, roads)
@@ -67,7 +77,7 @@ def build_scenario(recipe: Recipe, networks: Sequence[str] = ()) -> Scenario:
 
 
 def _choose_network(proposal: Proposal, networks: Sequence[str], rng: random.Random) -> RoadMap:
-    names = networks or find_typology_networks(proposal) or CATEGORIES[proposal.category].networks
+    names = networks or find_typology_networks(proposal) or find_requirements(proposal.category).networks
     with reject_at(PipelineStage.CROP):
         return rng.choice(find_networks(proposal, names))
 
@@ -88,8 +98,10 @@ def _choose_spawns(
 ) -> dict[str, SpawnPoint]:
     """Return starts and goals. Raises NoRoomError."""
     lines = {name: build_way_line(roads, way, share) for name, way in ways.items()}
-    figures = CATEGORIES[proposal.category].paper
+    figures = find_requirements(proposal.category).paper
     route_m = figures.route_m if figures else DEFAULT_ROUTE_M
+    if isinstance(proposal.category, InterDriveCategory):
+        return choose_spawn_points(lines, ways, INTERDRIVE_ROUTE_M[proposal.category], rng, INTERDRIVE_RUN_UP_M)
     if proposal.category is Category.PRE_CRASH:  # they begin close to the junction
         return pre_crash_spawns(proposal.actors, lines, ways, roads, route_m, rng)
     return choose_spawn_points(lines, ways, route_m, rng)
@@ -101,11 +113,11 @@ def _place_actors(proposal: Proposal, egos: Mapping[str, Ego], roads: RoadMap, r
         return place(proposal.actors, egos, roads, rng)
 
 
-def screen_candidate(scenario: Scenario, accepted: Sequence[Scenario]) -> ScreeningResult:
-    """Run the stages after soundness; raises ProposalRejected."""
+def screen_candidate(scenario: Scenario, accepted: Sequence[Scenario], roads: RoadMap | None = None) -> ScreeningResult:
+    """Run the stages after soundness; raises ProposalRejected. roads: the network, unless it is a packaged one."""
     if (twin := find_duplicate(scenario, accepted)) is not None:
         raise ProposalRejected(PipelineStage.DUPLICATES, f"expected something new, found a duplicate of {twin.id}")
-    roads = load_road_map(find_network_folder(scenario.network))
+    roads = roads or load_road_map(find_network_folder(scenario.network))
     if inside := list(find_spawn_overlaps(scenario, roads)):
         raise ProposalRejected(
             PipelineStage.SOUNDNESS, f"expected no overlapping boxes at the start, found that {inside[0]}"

@@ -14,13 +14,11 @@ was not at hand to check them against. Left out are those that
 import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from mdrive_sumo.generate.proposal import Proposal
+from mdrive_sumo.generate.proposal_drafts import Draft, draft_relation
 from mdrive_sumo.worlds.network_features import Topology
 
-Draft = dict[str, Any]
-"""Fields of a proposal before they are checked."""
 HOUSES = ("old_town", "old_town", "school_crossing", "town_crossing", "town_crossing")
 """Crossings with houses or hedges at the corners; repeated names are chosen more often."""
 BENDS = ("old_town", "old_town", "old_town", "school_crossing")
@@ -61,11 +59,6 @@ def find_typology_networks(proposal: Proposal) -> tuple[str, ...]:
 
 def _draft_egos(*turns: str) -> list[Draft]:
     return [{"vehicle_id": f"Vehicle {n}", "maneuver": turn} for n, turn in enumerate(turns, 1)]
-
-
-def draft_relation(a: int, type_: str, b: int) -> Draft:
-    """Return the relation in which one vehicle stands to another, by their numbers."""
-    return {"type": type_, "a": f"Vehicle {a}", "b": f"Vehicle {b}"}
 
 
 def _draft_van(vehicle: int = 1, phase: str = "on_approach") -> Draft:

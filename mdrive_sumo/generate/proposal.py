@@ -3,14 +3,32 @@
 Fields and values follow the schema of MDrive's generator (protocol 14.1); `pre_crash` is ours.
 """
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, PlainSerializer, PlainValidator, WithJsonSchema
 
 from mdrive_sumo.generate.category_requirements import Category
+from mdrive_sumo.scenario.categories import InterDriveCategory
+from mdrive_sumo.scenario.scenario import shorten_value
 from mdrive_sumo.worlds.encounters.proposed_actor import ProposalPart, ProposedActor, VehicleId
 from mdrive_sumo.worlds.network_features import Topology
 
+CATEGORY_NAMES = (*map(str, Category), *map(str, InterDriveCategory))
+
+
+def read_category(name: str) -> Category | InterDriveCategory:
+    """Return the category of a name. Raises ValueError."""
+    if name not in CATEGORY_NAMES:
+        raise ValueError(f"expected one of {', '.join(CATEGORY_NAMES)}, found {shorten_value(name)}")
+    return InterDriveCategory(name) if name in set(InterDriveCategory) else Category(name)
+
+
+AnyCategory = Annotated[
+    Category | InterDriveCategory,
+    PlainValidator(read_category),
+    PlainSerializer(str, return_type=str),
+    WithJsonSchema({"enum": list(CATEGORY_NAMES), "type": "string"}),
+]
 Maneuver = Literal["straight", "left", "right", "lane_change", "unknown"]
 Road = Literal["main", "side", "unknown"]
 ConstraintType = Literal[
@@ -49,7 +67,7 @@ class VehicleConstraint(ProposalPart):
 class Proposal(ProposalPart):
     """One scenario as it is proposed. `rules.problems` says what is wrong with it."""
 
-    category: Category
+    category: AnyCategory
     topology: Topology
     needs_oncoming: bool = False
     needs_multi_lane: bool = False

@@ -12,6 +12,7 @@ from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.weather import WeatherName
+from mdrive_sumo.worlds.places.place_files import PlaceFile
 
 GENERATOR = 1
 """Version of the generator, incremented whenever the same recipe would make another scenario."""
@@ -31,6 +32,8 @@ class Recipe(BaseModel):
     """`template`, or `llm:MODEL`."""
     weather: WeatherName = "default"
     proposal: Proposal
+    place: PlaceFile | None = Field(default=None, exclude_if=lambda place: place is None)
+    """The place of a season's scenario, from which its network is drawn again; None: a packaged network."""
 
 
 def load_recipe(path: Path) -> Recipe:

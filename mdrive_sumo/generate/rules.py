@@ -6,7 +6,7 @@ Rules of MDrive's generator (protocol 14.1, "Spec validation" and "Conflict rule
 from collections.abc import Callable, Iterator
 from itertools import combinations
 
-from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
+from mdrive_sumo.generate.category_requirements import Category, find_requirements
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.worlds.encounters.proposed_actor import ActorKind
 
@@ -52,7 +52,7 @@ def find_rule_violations(proposal: Proposal) -> tuple[str, ...]:
 
 
 def _check_topology(proposal: Proposal) -> Iterator[str]:
-    wanted = CATEGORIES[proposal.category].road.topologies
+    wanted = find_requirements(proposal.category).road.topologies
     if proposal.topology not in wanted:
         yield f"topology: expected {' or '.join(wanted)} for {proposal.category}, found {proposal.topology}"
 
@@ -60,7 +60,7 @@ def _check_topology(proposal: Proposal) -> Iterator[str]:
 def _check_needs(proposal: Proposal) -> Iterator[str]:
     if proposal.category is Category.PRE_CRASH:
         return  # the typology decides, see pre_crash_typologies.py
-    needs = CATEGORIES[proposal.category].road
+    needs = find_requirements(proposal.category).road
     for name in ("oncoming", "multi_lane", "on_ramp", "merge"):
         wanted, found = getattr(needs, name), getattr(proposal, f"needs_{name}")
         if wanted != found:
@@ -68,7 +68,7 @@ def _check_needs(proposal: Proposal) -> Iterator[str]:
 
 
 def _check_ego_count(proposal: Proposal) -> Iterator[str]:
-    least, most = CATEGORIES[proposal.category].cav_range
+    least, most = find_requirements(proposal.category).cav_range
     found = len(proposal.ego_vehicles)
     if not least <= found <= most:
         yield f"ego_vehicles: expected {least} to {most} for {proposal.category}, found {found}"

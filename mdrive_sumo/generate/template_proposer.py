@@ -1,11 +1,12 @@
 """Template proposer: one function per category draws proposals that satisfy the rules, without a language model."""
 
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
-from mdrive_sumo.generate.pre_crash_typologies import Draft, draft_pre_crash, draft_relation
+from mdrive_sumo.generate.pre_crash_typologies import draft_pre_crash
 from mdrive_sumo.generate.proposal import Maneuver, Proposal
+from mdrive_sumo.generate.proposal_drafts import Draft, add_followers, draft_ego, draft_relation, relate_followers
 
 TURN_SHARE = 0.4
 """Share of scenarios on otherwise straight routes in which one CAV turns."""
@@ -26,33 +27,15 @@ def propose(category: Category, rng: random.Random) -> Proposal:
     return Proposal.model_validate(draft | TEMPLATES[category](rng))
 
 
-def _draft_ego(number: int, maneuver: Maneuver = "straight", **more: str) -> Draft:
-    return {"vehicle_id": f"Vehicle {number}", "maneuver": maneuver, **more}
-
-
 def _draw_count(rng: random.Random, mean: float) -> int:
     """Return a number of CAVs next to the mean, randomly rounded such that its expectation is the mean."""
     low = int(mean)
     return low + (rng.random() < mean - low)
 
 
-def _relate_followers(first: int, count: int, behind: Sequence[int], rng: random.Random) -> list[Draft]:
-    """Return relations that put further CAVs behind the first ones."""
-    return [draft_relation(n, "follow_route_of", rng.choice(list(behind))) for n in range(first, count + 1)]
-
-
-def _add_followers(egos: Sequence[Draft], relations: Sequence[Draft], count: int) -> list[Draft]:
-    """Add CAVs that do what the CAV ahead of them does."""
-    found = list(egos)
-    for relation in relations:
-        leader = next(ego for ego in found if ego["vehicle_id"] == relation["b"])
-        found.append(leader | {"vehicle_id": relation["a"]})
-    return found[:count]
-
-
 def _add_turning_ego(egos: list[Draft], turn: Maneuver) -> list[Draft]:
     """Add a CAV that turns, from the road opposite the first one; return its relation."""
-    egos.append(_draft_ego(len(egos) + 1, turn))
+    egos.append(draft_ego(len(egos) + 1, turn))
     return [draft_relation(len(egos), "opposite_approach_of", 1)]
 
 
@@ -60,8 +43,8 @@ def _deadlock(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.7)
     turns: list[Maneuver] = [rng.choice(("left", "left", "right", "straight")) for _ in range(4)]
     relations = [draft_relation(n + 2, type_, 1) for n, type_ in enumerate(SIDE_RELATIONS)]
-    queue = _relate_followers(5, count, (1, 2, 3, 4), rng)
-    egos = _add_followers([_draft_ego(n + 1, turn) for n, turn in enumerate(turns)], queue, count)
+    queue = relate_followers(5, count, (1, 2, 3, 4), rng)
+    egos = add_followers([draft_ego(n + 1, turn) for n, turn in enumerate(turns)], queue, count)
     return {
         "ego_vehicles": egos,
         "vehicle_constraints": relations + queue,
@@ -71,15 +54,15 @@ def _deadlock(rng: random.Random) -> Draft:
 
 def _unprotected_left(rng: random.Random) -> Draft:
     count = _draw_count(rng, 5.1)
-    egos = [_draft_ego(1, "left"), _draft_ego(2), _draft_ego(3)]
+    egos = [draft_ego(1, "left"), draft_ego(2), draft_ego(3)]
     relations = [
         draft_relation(2, "opposite_approach_of", 1),
         draft_relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2),
     ]
-    queue = _relate_followers(4, count, (1, 2, 3), rng)
+    queue = relate_followers(4, count, (1, 2, 3), rng)
     parked = _draft_parked("Vehicle 2", rng.choice(("right_edge", "half_right"))) if rng.random() < 0.3 else []
     return {
-        "ego_vehicles": _add_followers(egos, queue, count),
+        "ego_vehicles": add_followers(egos, queue, count),
         "vehicle_constraints": relations + queue,
         "actors": parked,
         "description": "A CAV turns left through oncoming CAVs.",
@@ -101,14 +84,14 @@ def _draft_parked(vehicle: str, lateral: str, name: str = "parked_1") -> list[Dr
 def _major_minor(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.0)
     egos = [
-        _draft_ego(1, rng.choice(("left", "right")), entry_road="side"),
-        _draft_ego(2, entry_road="main"),
-        _draft_ego(3, rng.choice(("straight", "left")), entry_road="main"),
+        draft_ego(1, rng.choice(("left", "right")), entry_road="side"),
+        draft_ego(2, entry_road="main"),
+        draft_ego(3, rng.choice(("straight", "left")), entry_road="main"),
     ]
     relations = [draft_relation(2, "perpendicular_left_of", 1), draft_relation(3, "perpendicular_right_of", 1)]
-    queue = _relate_followers(4, count, (1, 2, 3), rng)
+    queue = relate_followers(4, count, (1, 2, 3), rng)
     return {
-        "ego_vehicles": _add_followers(egos, queue, count),
+        "ego_vehicles": add_followers(egos, queue, count),
         "vehicle_constraints": relations + queue,
         "actors": _draft_parked("Vehicle 1", "right_edge") if rng.random() < 0.6 else [],
         "description": "A CAV enters the main road from the minor one, where CAVs come from both sides.",
@@ -118,17 +101,17 @@ def _major_minor(rng: random.Random) -> Draft:
 def _highway_merge(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.6)
     egos = [
-        _draft_ego(1, "unknown", entry_road="side"),
-        _draft_ego(2, entry_road="main"),
-        _draft_ego(3, entry_road="main"),
+        draft_ego(1, "unknown", entry_road="side"),
+        draft_ego(2, entry_road="main"),
+        draft_ego(3, entry_road="main"),
     ]
     relations = [
         draft_relation(1, "merges_into_lane_of", 2),
         draft_relation(3, rng.choice(("same_lane_as", "left_lane_of")), 2),
     ]
-    queue = _relate_followers(4, count, (1, 2, 3), rng)
+    queue = relate_followers(4, count, (1, 2, 3), rng)
     return {
-        "ego_vehicles": _add_followers(egos, queue, count),
+        "ego_vehicles": add_followers(egos, queue, count),
         "vehicle_constraints": relations + queue,
         "description": "CAVs on the ramp and CAVs on the motorway want the same gap.",
     }
@@ -137,9 +120,9 @@ def _highway_merge(rng: random.Random) -> Draft:
 def _lane_drop(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.6)
     relations = [draft_relation(1, "merges_into_lane_of", 2), draft_relation(3, "left_lane_of", 2)]
-    queue = _relate_followers(4, count, (1, 2), rng)
+    queue = relate_followers(4, count, (1, 2), rng)
     return {
-        "ego_vehicles": _add_followers([_draft_ego(1), _draft_ego(2), _draft_ego(3)], queue, count),
+        "ego_vehicles": add_followers([draft_ego(1), draft_ego(2), draft_ego(3)], queue, count),
         "vehicle_constraints": relations + queue,
         "description": "A lane ends; CAVs side by side have to merge one after the other.",
     }
@@ -149,11 +132,11 @@ def _lane_change(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.2)
     side = rng.choice(("left_lane_of", "right_lane_of"))
     swap = rng.random() < 0.6
-    egos = [_draft_ego(1, "lane_change"), _draft_ego(2, "lane_change" if swap else "straight")]
+    egos = [draft_ego(1, "lane_change"), draft_ego(2, "lane_change" if swap else "straight")]
     relations = [draft_relation(2, side, 1)] + ([] if swap else [draft_relation(1, "merges_into_lane_of", 2)])
-    queue = _relate_followers(3, count, (1, 2), rng)
+    queue = relate_followers(3, count, (1, 2), rng)
     return {
-        "ego_vehicles": _add_followers(egos, queue, count),
+        "ego_vehicles": add_followers(egos, queue, count),
         "vehicle_constraints": relations + queue,
         "description": "CAVs side by side want to change into each other's lanes.",
     }
@@ -163,7 +146,7 @@ def _blocked_lane(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.7)
     side = rng.choice(("left_lane_of", "right_lane_of"))
     relations = [draft_relation(2, side, 1)]
-    queue = _relate_followers(3, count, (1, 2), rng)
+    queue = relate_followers(3, count, (1, 2), rng)
     kind = rng.choice(("static_prop", "parked_vehicle"))
     block = {
         "actor_id": "block_1",
@@ -176,7 +159,7 @@ def _blocked_lane(rng: random.Random) -> Draft:
     }
     more = [block | {"actor_id": "block_2", "kind": "static_prop", "quantity": rng.randint(1, 3)}]
     return {
-        "ego_vehicles": _add_followers([_draft_ego(1), _draft_ego(2)], queue, count),
+        "ego_vehicles": add_followers([draft_ego(1), draft_ego(2)], queue, count),
         "vehicle_constraints": relations + queue,
         "actors": [block, *more],
         "description": "Something blocks the lane of a CAV; CAVs drive in the next lane.",
@@ -187,8 +170,8 @@ def _construction(rng: random.Random) -> Draft:
     turns = rng.random() < TURN_SHARE
     count = _draw_count(rng, 4.6) - turns
     relations = [draft_relation(2, rng.choice(("left_lane_of", "right_lane_of")), 1)]
-    queue = _relate_followers(3, count, (1, 2), rng)
-    egos = _add_followers([_draft_ego(1), _draft_ego(2)], queue, count)
+    queue = relate_followers(3, count, (1, 2), rng)
+    egos = add_followers([draft_ego(1), draft_ego(2)], queue, count)
     relations += _add_turning_ego(egos, rng.choice(("left", "right"))) if turns else []
     cones = {
         "actor_id": "cones_1",
@@ -213,7 +196,7 @@ def _construction(rng: random.Random) -> Draft:
 def _overtaking(rng: random.Random) -> Draft:
     count = _draw_count(rng, 3.7)
     relations = [draft_relation(2, "opposite_approach_of", 1)]
-    queue = _relate_followers(3, count, (1, 2), rng)
+    queue = relate_followers(3, count, (1, 2), rng)
     ahead = {
         "actor_id": "stopped_1",
         "kind": rng.choice(("parked_vehicle", "static_prop")),
@@ -224,7 +207,7 @@ def _overtaking(rng: random.Random) -> Draft:
         "speed": "stopped",
     }
     return {
-        "ego_vehicles": _add_followers([_draft_ego(1), _draft_ego(2)], queue, count),
+        "ego_vehicles": add_followers([draft_ego(1), draft_ego(2)], queue, count),
         "vehicle_constraints": relations + queue,
         "actors": [ahead],
         "description": "A CAV has to pass what stands in its lane, in the lane of oncoming CAVs.",
@@ -235,8 +218,8 @@ def _crosswalk(rng: random.Random) -> Draft:
     turns = rng.random() < TURN_SHARE
     count = _draw_count(rng, 3.8) - turns
     relations = [draft_relation(2, rng.choice(("opposite_approach_of", "perpendicular_right_of")), 1)]
-    queue = _relate_followers(3, count, (1, 2), rng)
-    egos = _add_followers([_draft_ego(1), _draft_ego(2)], queue, count)
+    queue = relate_followers(3, count, (1, 2), rng)
+    egos = add_followers([draft_ego(1), draft_ego(2)], queue, count)
     relations += _add_turning_ego(egos, rng.choice(("left", "right"))) if turns else []
     actors: list[Draft] = [
         {
@@ -261,11 +244,11 @@ def _crosswalk(rng: random.Random) -> Draft:
 
 def _roundabout(rng: random.Random) -> Draft:
     count = _draw_count(rng, 4.0)
-    egos = [_draft_ego(1, "left"), _draft_ego(2, rng.choice(("left", "straight"))), _draft_ego(3, "left")]
+    egos = [draft_ego(1, "left"), draft_ego(2, rng.choice(("left", "straight"))), draft_ego(3, "left")]
     relations = [draft_relation(2, "perpendicular_left_of", 1), draft_relation(3, "opposite_approach_of", 1)]
-    queue = _relate_followers(4, count, (1, 2, 3), rng)
+    queue = relate_followers(4, count, (1, 2, 3), rng)
     return {
-        "ego_vehicles": _add_followers(egos, queue, count),
+        "ego_vehicles": add_followers(egos, queue, count),
         "vehicle_constraints": relations + queue,
         "description": "CAVs enter a roundabout from several arms, go around and leave it.",
     }

@@ -27,6 +27,21 @@ class Category(StrEnum):
     LANE_DROP = "lane-drop"
 
 
+class InterDriveCategory(StrEnum):
+    """Categories of the InterDrive bucket, by the names of the original's folders (CoLMDriver; protocol 8.5)."""
+
+    CUT_IN = "ins_c"
+    STRAIGHT = "ins_ss"
+    LEFT = "ins_sl"
+    RIGHT = "ins_sr"
+    ONCOMING_LEFT = "ins_oppo"
+    SAME_EXIT = "ins_rl"
+    SWAP = "ins_crosschange"
+    CHAOS = "ins_chaos"
+    MERGE = "hw_merge"
+    LANE_CHANGES = "hw_c"
+
+
 class InteractivityLevel(StrEnum):
     """Interactivity levels of the paper."""
 

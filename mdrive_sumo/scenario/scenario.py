@@ -40,6 +40,21 @@ def _is_protocol(value: SpeedRule) -> bool:
     return value == "protocol"
 
 
+def _is_nowhere(value: "CommonStartShift | None") -> bool:
+    """Return whether CAVs start together as written: then the range is left out of files and checksums."""
+    return value is None
+
+
+class CommonStartShift(ScenarioPart):
+    """How far all CAVs together may start from what is written, along their routes, in worlds of seeds other than 0.
+
+    All start further back, or all further ahead, by the same length: those that meet still meet at the same time.
+    """
+
+    back_m: float = Field(ge=0, le=50, allow_inf_nan=False)
+    ahead_m: float = Field(ge=0, le=50, allow_inf_nan=False)
+
+
 class Ego(ScenarioPart):
     """One CAV: its pose at tick 0 and its assigned route."""
 
@@ -101,6 +116,8 @@ class Scenario(ScenarioPart):
     speeds: SpeedRule = Field(default="protocol", exclude_if=_is_protocol)
     """Desired speed of CAVs: `protocol`: 8 m/s as in the original; `road`: the speed limits of their lanes."""
     egos: tuple[Ego, ...] = Field(min_length=1, max_length=32)
+    start_shift: CommonStartShift | None = Field(default=None, exclude_if=_is_nowhere)
+    """Shift of all starts together by the seed, beside that of each CAV (`scenario.start_variation`)."""
     background: Background = Background()
     actors: tuple[Actor, ...] = ()
     """Scripted road users and props."""

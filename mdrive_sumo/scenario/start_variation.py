@@ -1,4 +1,8 @@
-"""Jittered starts of CAVs: position along the route and start speed, free of overlap, on the lane as written."""
+"""Other starts of CAVs: position along the route and start speed, free of overlap, on the lane as written.
+
+Two shifts add up: one of all CAVs together, as far as the scenario says (`CommonStartShift`), and one of each CAV. The
+first changes from where a conflict is met, not which CAVs meet; the second which of them is there first.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -53,9 +57,10 @@ def vary_starts(
     not free is drawn nearer to the written one, which always fits.
     """
     others = list(_iterate_boxes(scenario, roads))
-    starts = {ego.id: _build_box(ego.start) for ego in scenario.egos}
+    egos = _shift_together(scenario, roads, seed, bounds, others)
+    starts = {ego.id: _build_box(ego.start) for ego in egos}
     varied: list[Ego] = []
-    for ego in scenario.egos:
+    for ego in egos:
         drawn = draw_uniforms(seed, "variation", scenario.id, "cav", ego.id)
         shift_m = bounds.shift_m * (2.0 * drawn[0] - 1.0) + ego.start_speed * log_trim_s
         blockers = [*others, *(box for name, box in starts.items() if name != ego.id)]
@@ -63,6 +68,28 @@ def vary_starts(
         starts[ego.id] = _build_box(shifted.start)
         varied.append(shifted.model_copy(update={"start_speed": _vary_speed(ego.start_speed, drawn[1], bounds)}))
     return tuple(varied)
+
+
+def _shift_together(
+    scenario: Scenario, roads: RoadMap, seed: int, bounds: StartBounds, others: Sequence[shapely.Polygon]
+) -> tuple[Ego, ...]:
+    """Return all CAVs shifted by one length: the largest tried share of the drawn one at which every start is free."""
+    if scenario.start_shift is None:
+        return scenario.egos
+    low, high = -scenario.start_shift.back_m, scenario.start_shift.ahead_m
+    drawn_m = low + (high - low) * draw_uniforms(seed, "variation", scenario.id, "starts")[0]
+    ranges = [find_shift_range(ego, roads, bounds) for ego in scenario.egos]
+    for share in SHRINKS:
+        shift_m = min(max([share * drawn_m, *(least for least, _ in ranges)]), *(most for _, most in ranges))
+        shifted = tuple(shift_start(ego, shift_m, roads) for ego in scenario.egos)
+        boxes = [_build_box(ego.start) for ego in shifted]
+        if not any(
+            _is_blocked(ego.start, [*others, *boxes[:i], *boxes[i + 1 :]], bounds)
+            for i, ego in enumerate(shifted)
+            if ego is not scenario.egos[i]
+        ):
+            return shifted
+    return scenario.egos
 
 
 def _vary_speed(speed: float, uniform: float, bounds: StartBounds) -> float:
@@ -75,7 +102,7 @@ def _find_free_start(
     ego: Ego, shift_m: float, roads: RoadMap, bounds: StartBounds, blockers: Sequence[shapely.Polygon]
 ) -> Ego:
     """Return the CAV at the largest tried share of the shift at which no blocker is nearer than it was, or `gap_m`."""
-    low, high = _find_range(ego, roads, bounds)
+    low, high = find_shift_range(ego, roads, bounds)
     for share in SHRINKS:
         shifted = shift_start(ego, min(max(share * shift_m, low), high), roads)
         if shifted is ego or not _is_blocked(shifted.start, blockers, bounds):
@@ -88,7 +115,7 @@ def _is_blocked(start: Pose, blockers: Sequence[shapely.Polygon], bounds: StartB
     return any(float(shapely.intersection(room, box).area) > TOUCHING_M2 for box in blockers)
 
 
-def _find_range(ego: Ego, roads: RoadMap, bounds: StartBounds) -> tuple[float, float]:
+def find_shift_range(ego: Ego, roads: RoadMap, bounds: StartBounds) -> tuple[float, float]:
     """Return the least and greatest shift [m]: on the lane of the start, before its stop lines, with a route left."""
     lane = roads.lanes[ego.lanes[0]]
     start_m = lane.centre.project(ego.start.x, ego.start.y)[0]

@@ -20,7 +20,7 @@ WRITERS = {
     "mdrive_sumo/report/figure_style.py": "a figure in memory",
     "mdrive_sumo/report/scenario_plot.py": "a figure in a new file",
     "server/store/backup.py": "a copy in a new temporary folder",
-    "tools/synthetic_recordings/convert_recording.py": "a link to a network in a new folder",
+    "real2sim/recorded_drives/convert_recording.py": "a link to a network in a new folder",
     "server/evaluation/phase_separation.py": "a file of the kernel",
     "server/store/engine.py": "a database of the organiser, which SQLite writes in its place",
     "server/archive/extraction.py": "exclusive files in a new folder, names checked before",

@@ -1,6 +1,5 @@
 """Tools are commands like the others: they have help, end with a sentence, and write nothing in a dry run."""
 
-import os
 import pkgutil
 import subprocess
 import sys
@@ -50,8 +49,6 @@ def test_a_tool_ends_with_a_sentence(tmp_path: Path) -> None:
     for name, arguments, sentence in (
         ("tools.build_lone_suite", [str(tmp_path)], "expected a folder that does not exist yet"),
         ("tools.build_networks", ["--dry-run", "no_such_network"], "network 'no_such_network'"),
-        ("tools.synthetic_recordings", ["--dry-run", "--out", str(tmp_path)], "expected a new folder"),
-        ("tools.build_interaction_suite", ["--dry-run", str(ROOT / "docs")], "expected a new or empty folder"),
         ("tools.write_model_card", ["--note", "fast"], "expected a SYSTEM with these options, found none"),
         ("tools.write_results", ["--dry-run", str(tmp_path)], "--commit: expected the commit"),
         ("tools.write_results", ["--dry-run", "--commit", "abc", str(tmp_path)], "results.json"),
@@ -82,33 +79,8 @@ def test_a_dry_run_names_what_would_change_and_writes_nothing(
     assert (target / "inner" / "a").read_text() == "new"
 
 
-def test_a_dry_run_of_a_suite_says_how_many_scenarios(tmp_path: Path) -> None:
-    told = CliRunner().invoke(load_command("tools.synthetic_recordings"), ["--dry-run", "--out", str(tmp_path / "new")])
-    assert told.exit_code == 0 and "crossing, 2 CAVs: 28 of 56 drives would be kept" in told.output
-    told = CliRunner().invoke(load_command("tools.build_interaction_suite"), ["--dry-run", str(tmp_path / "new")])
-    assert told.exit_code == 0 and "roundabout: 10 scenarios would be searched" in told.output
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.slow
 def test_the_built_suite_is_found_unchanged() -> None:
     command = [sys.executable, "-m", "tools.build_interdrive_suite", "--dry-run"]
     told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=True)
     assert told.stdout == f"{find_suite_folder('interdrive@0')}: 0 files would change\n"
-
-
-@pytest.mark.slow
-def test_workers_find_the_function_of_a_tool_that_is_run_as_a_program(tmp_path: Path) -> None:
-    """`python -m` names the module `__main__`, which a worker cannot import; here one category, one scenario."""
-    script = (
-        "import runpy, sys, tools.build_interaction_suite as tool\n"
-        "from mdrive_sumo.generate.category_requirements import Category\n"
-        "tool.list_tasks = lambda: [tool.CategoryTask(Category.LANE_CHANGE, 1)]\n"
-        "sys.argv = ['tool', sys.argv[1]]\n"
-        "runpy.run_module('tools.build_interaction_suite', run_name='__main__', alter_sys=True)\n"
-    )
-    command = [sys.executable, "-W", "ignore::RuntimeWarning:runpy", "-c", script, str(tmp_path / "suite")]
-    told = subprocess.run(command, cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, timeout=600)
-    assert told.returncode == 0, told.stderr
-    assert told.stdout == "lane-change: 1\n"
-    assert (tmp_path / "suite" / "lane-change_01" / "scenario.json").is_file()

@@ -38,13 +38,17 @@ StartStations = dict[str, float]
 
 
 def choose_spawn_points(
-    lines: RouteLines, ways: LaneRoutes, route_m: float, rng: random.Random
+    lines: RouteLines,
+    ways: LaneRoutes,
+    route_m: float,
+    rng: random.Random,
+    run_up_m: tuple[float, float] = RUN_UP_M,
 ) -> dict[str, SpawnPoint]:
     """Return start and goal of every CAV, with routes about `route_m` long. Raises NoRoomError.
 
-    Of several random draws the one in which most pairs of CAVs meet.
+    Of several random draws the one in which most pairs of CAVs meet. run_up_m: see `RUN_UP_M`.
     """
-    draws = [_draw_starts(lines, ways, rng) for _ in range(DRAWS)]
+    draws = [_draw_starts(lines, ways, rng, run_up_m) for _ in range(DRAWS)]
     found = [draw for draw in draws if not isinstance(draw, NoRoomError)]
     if not found:
         raise next(draw for draw in draws if isinstance(draw, NoRoomError))
@@ -58,10 +62,12 @@ def choose_spawn_points(
     return {name: SpawnPoint(start, goals[name]) for name, start in starts.items()}
 
 
-def _draw_starts(lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> StartStations | NoRoomError:
+def _draw_starts(
+    lines: RouteLines, ways: LaneRoutes, rng: random.Random, run_up_m: tuple[float, float]
+) -> StartStations | NoRoomError:
     starts: StartStations = {}
     for name in ways:
-        start, length = _draw_start(name, starts, lines, ways, rng), lines[name].last_m
+        start, length = _draw_start(name, starts, lines, ways, rng, run_up_m), lines[name].last_m
         if not RIM_M <= start <= length - RIM_M - RUN_OUT_M:
             return NoRoomError(f"{name}: expected room for its start on its way of {length:.0f} m, found {start:.0f} m")
         starts[name] = start
@@ -91,7 +97,14 @@ def draw_start_behind(name: str, starts: Mapping[str, float], ways: LaneRoutes, 
     return min(ahead) - rng.uniform(*GAP_M) if ahead else None
 
 
-def _draw_start(name: str, starts: StartStations, lines: RouteLines, ways: LaneRoutes, rng: random.Random) -> float:
+def _draw_start(
+    name: str,
+    starts: StartStations,
+    lines: RouteLines,
+    ways: LaneRoutes,
+    rng: random.Random,
+    run_up_m: tuple[float, float],
+) -> float:
     """Return a start behind the CAVs on the same lane, beside those on the same road, or such that it meets another
     CAV."""
     if (behind := draw_start_behind(name, starts, ways, rng)) is not None:
@@ -109,4 +122,4 @@ def _draw_start(name: str, starts: StartStations, lines: RouteLines, ways: LaneR
             found = met[other][0] - blind_distance(time)
             if RIM_M <= found <= first - LEAST_RUN_UP_M:
                 return found
-    return max(first - rng.uniform(*RUN_UP_M), RIM_M)
+    return max(first - rng.uniform(*run_up_m), RIM_M)

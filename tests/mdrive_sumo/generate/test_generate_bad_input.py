@@ -155,7 +155,7 @@ def test_a_recipe_of_another_generator_is_refused(suite: Path, found: int) -> No
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"proposal": {"category": "ballet"}}, "proposal.category: Input should be 'pre-crash', "),
+        ({"proposal": {"category": "ballet"}}, "proposal.category: expected one of pre-crash, "),
         ({"seed": ""}, "seed: String should have at least 1 character, found ''"),
         ({"colour": "red"}, "colour: Extra inputs are not permitted, found 'red'"),
     ],
@@ -222,7 +222,9 @@ def test_an_unknown_category_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options", [("--category", "crosswalk"), ("--out", "new"), ()])
 def test_what_to_make_and_where_is_asked_for(options: tuple[str, ...]) -> None:
-    assert misuse("generate", *options).startswith("expected --category and --out (or --rebuild), found none")
+    assert misuse("generate", *options).startswith(
+        "expected --category and --out (or --season, --hard or --rebuild), found none"
+    )
 
 
 @pytest.mark.parametrize("count", [0, 1001, "many"])

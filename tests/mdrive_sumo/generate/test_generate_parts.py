@@ -13,7 +13,7 @@ from mdrive_sumo.generate.network_choice import find_networks
 from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.recipe import Recipe
 from mdrive_sumo.generate.route_assignment import RELATIONS, assign_routes
-from mdrive_sumo.generate.selection import select_scenarios
+from mdrive_sumo.generate.selection import build_item, select_items
 from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import compute_heading_change_deg, compute_route_length
@@ -68,9 +68,10 @@ def test_the_selection_comes_nearer_to_the_paper_than_the_pool() -> None:
         heading = sum(map(compute_heading_change_deg, egos)) / len(egos)
         return abs(route / figures.route_m - 1) + abs(heading / figures.heading_change_deg - 1)
 
-    kept = select_scenarios(pool, figures, 5, random.Random(0))
-    assert len({scenario.id for scenario in kept}) == 5
-    assert off(list(kept)) < off(pool)
+    items = [build_item(scenario, "a") for scenario in pool]
+    kept = {item.id for item in select_items(items, {"a": 5}, figures.means, random.Random(0))}
+    assert len(kept) == 5
+    assert off([scenario for scenario in pool if scenario.id in kept]) < off(pool)
 
 
 def test_a_suite_of_parts_has_their_scenarios(tmp_path: Path) -> None:

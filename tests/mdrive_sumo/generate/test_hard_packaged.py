@@ -2,6 +2,7 @@
 
 import random
 from functools import lru_cache
+from pathlib import Path
 
 import pytest
 
@@ -52,7 +53,7 @@ def test_every_certificate_that_holds_names_a_station_that_sees_the_road_user_in
                 assert conflict.told_s <= conflict.stopping_s
 
 
-def test_a_sample_is_what_its_recipes_make() -> None:
+def test_a_sample_is_what_its_recipes_make(tmp_path: Path) -> None:
     recipes = {home.name: recipe for home, recipe in load_recipes("hard").items()}
     for scenario in random.Random(0).sample(load_hard().scenarios, REBUILT):
-        assert rebuild_scenario(recipes[scenario.id]) == scenario
+        assert rebuild_scenario(recipes[scenario.id], tmp_path) == scenario

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder, make_parents
+from mdrive_sumo.generate.selection import SelectionItem, build_item
 from mdrive_sumo.generate.validation import ScenarioValidation, ValidationTask, validate_scenario
 from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, save_suite
@@ -16,20 +17,16 @@ from real2sim.pipeline.conversion_options import NETWORKS, ConversionOptions
 from real2sim.pipeline.quality_file import build_quality_file, save_quality
 from real2sim.pipeline.scenario_builder import build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
+from real2sim.recorded_drives.pose_thinning import thin_scenario
+from real2sim.recorded_drives.record_drive import BUCKET, CATEGORY, find_window, record_drive, write_log
+from real2sim.recorded_drives.recording_site import RecordingSite
 from real2sim.recording import vehicle_trajectories
 from real2sim.source_scene import SourceScene
 from real2sim.writers.episode_recording import build_hd_map
 from real2sim.writers.v2xpnp_map import write_vector_map
-from tools.synthetic_recordings.pose_thinning import thin_scenario
-from tools.synthetic_recordings.record_drive import BUCKET, CATEGORY, find_window, record_drive, write_log
 
-LOGS, MAPS, QUALITY = "logs", "maps", "quality"
-ABOUT = SuiteFile(
-    name="v2xpnp",
-    title="Synthetic recordings in the V2XPnP format",
-    description="Dense traffic at a crossing and in a corridor of our own, recorded in SUMO by CAVs and roadside units,"
-    " written in the V2XPnP format with its noise, and converted back. Not the V2XPnP data set.",
-)
+LOGS, MAPS, QUALITY, SUITE = "logs", "maps", "quality", "suite"
+ABOUT = SuiteFile(name="examined", title="One converted recording")
 VOTING_LOGS = 8
 """Number of logs whose vehicles determine lane directions and speeds."""
 
@@ -38,23 +35,17 @@ VOTING_LOGS = 8
 class RecordingTask:
     """One recording: its parameters, folders and network."""
 
-    place: str
+    site: RecordingSite
     number: int
     cavs: int
     seed: int
     work: Path
-    suite: Path
     network: NetworkReport | None = None
 
     @property
     def name(self) -> str:
         """Name of the log and of the scenario."""
-        return f"{self.place}_{self.number:03d}"
-
-    @property
-    def group(self) -> str:
-        """Map and number of CAVs."""
-        return f"{self.place} {self.cavs}"
+        return f"{self.site.network.name}_{self.number:03d}"
 
     @property
     def log(self) -> Path:
@@ -64,44 +55,56 @@ class RecordingTask:
     @property
     def map(self) -> Path:
         """Vector map of the log."""
-        return self.work / MAPS / f"{self.place}.pkl"
+        return self.work / MAPS / f"{self.site.network.name}.pkl"
+
+    @property
+    def scenario_file(self) -> Path:
+        """File of the converted scenario."""
+        return self.work / SUITE / self.name / SCENARIO_FILE
 
 
 @dataclass(frozen=True)
 class RecordingOutcome:
     """Result of one recording."""
 
-    task: RecordingTask
+    name: str
     misses: tuple[str, ...]
     """Missed targets of the conversion."""
-    examined: ScenarioValidation
-    """Result of `mdrive-sumo validate` for the scenario."""
+    problems: tuple[str, ...]
+    """Why `mdrive-sumo validate` does not accept the scenario."""
+    omniscient_ds: float
+    item: SelectionItem
+    """Figures for the selection."""
 
 
-def record_log(task: RecordingTask) -> Path | str:
-    """Write the log and the map; return the log's folder, or why there is none."""
+def record_log(task: RecordingTask) -> str:
+    """Write the log and the map; return why there is none, or ""."""
     _redirect_stdout()
-    drive = record_drive(task.place, task.number, task.cavs, task.seed)
+    try:
+        drive = record_drive(task.site, task.name, task.cavs, task.seed)
+    except InputError as error:
+        return str(error)
     if (part := find_window(drive)) is None:
-        return f"{task.name}: no part of the drive in which all CAVs drive"
+        return "no part of the drive in which all CAVs drive"
     write_log(drive, part, task.log, task.seed)
     make_parents(task.map)
     write_vector_map(build_hd_map(drive.roads), task.map.with_suffix(f".{task.number}"))
     task.map.with_suffix(f".{task.number}").replace(task.map)
-    return task.log
+    return ""
 
 
 def build_site_network(tasks: Sequence[RecordingTask]) -> NetworkReport:
-    """Build SUITE/networks/<map> from the map and the motion in the first `VOTING_LOGS` logs."""
+    """Build WORK/suite/networks/<name> from the map and the motion in the first `VOTING_LOGS` logs."""
     first = tasks[0]
-    name = f"v2xpnp_{first.place}"
+    name = f"v2xpnp_{first.site.network.name}"
     recordings = [read_v2xpnp(task.log, task.map) for task in tasks[:VOTING_LOGS]]
     seen = [
         motion
         for recording in recordings
         for motion in vehicle_trajectories(clean_recording(recording).tracks).values()
     ]
-    return build_network(recordings[0].map, seen, first.suite / NETWORKS / name, name, recordings[0].dt_s)
+    folder = first.work / SUITE / NETWORKS / name
+    return build_network(recordings[0].map, seen, folder, name, recordings[0].dt_s)
 
 
 def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
@@ -115,27 +118,29 @@ def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
         category=CATEGORY,
         map=recording.map,
         recording=recording,
-        description=f"synthetic recording in the V2XPnP format: {task.place} {task.number}, seed {task.seed}",
+        description=f"synthetic recording in the V2XPnP format: {task.site.network.name} {task.number}",
         notes=recording.notes,
     )
     try:
-        built = build_scenario(scene, task.suite, ConversionOptions(), task.network)
+        built = build_scenario(scene, task.work / SUITE, ConversionOptions(), task.network)
     except InputError as error:
-        return f"{task.name}: {error}"
-    folder = task.suite / task.name
-    save_scenario(thin_scenario(built.scenario), folder / SCENARIO_FILE)
+        return str(error)
+    scenario = thin_scenario(built.scenario)
+    save_scenario(scenario, task.scenario_file)
     quality = task.work / QUALITY / task.name
     make_folder(quality)
     save_quality(build_quality_file(built.findings), quality)
-    return RecordingOutcome(task, built.findings.misses, _examine(task))
+    found = _examine(task)
+    item = build_item(scenario, str(len(scenario.egos)))
+    return RecordingOutcome(task.name, built.findings.misses, found.problems, found.omniscient_ds or 0.0, item)
 
 
 def _examine(task: RecordingTask) -> ScenarioValidation:
     """Examine the written scenario in a suite of its own."""
     alone = task.work / "alone" / task.name
-    save_suite(Suite(ABOUT, alone, (load_scenario(task.suite / task.name / SCENARIO_FILE),)))
+    save_suite(Suite(ABOUT, alone, (load_scenario(task.scenario_file),)))
     if not (alone / NETWORKS).exists():
-        (alone / NETWORKS).symlink_to((task.suite / NETWORKS).resolve())
+        (alone / NETWORKS).symlink_to((task.work / SUITE / NETWORKS).resolve())
     return validate_scenario(ValidationTask(alone, task.name))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
@@ -20,19 +21,20 @@ from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
-from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.v2x.comm_settings import PRESETS
-from mdrive_sumo.worlds.lane_routes import find_lane_routes, locate_junction
+from mdrive_sumo.worlds.lane_routes import LaneRoute, find_lane_routes, locate_junction
 from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
 from mdrive_sumo.worlds.placement.lane_chains import build_route_line
 from mdrive_sumo.worlds.streams.near_traffic import TrafficRequest, build_near_traffic
+from real2sim.recorded_drives.recording_site import RecordingSite
+from real2sim.recorded_drives.scripted_people import build_people
 from real2sim.writers.episode_recording import record_episode
 from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp
-from tools.synthetic_recordings.scripted_people import PopulationCounts, build_people
 
 BUCKET, CATEGORY = "V2XPnP", "synthetic"
 DRIVER = "single"
@@ -40,8 +42,8 @@ DRIVER = "single"
 WINDOW_S = 9.0
 """[s] Length of a recording."""
 WARM_UP_S = 2.0
-LATEST_START_S = 24.0
-"""[s] The recording begins between `WARM_UP_S` and this time of the drive."""
+LATEST_START_S = 46.0
+"""[s] The recording begins between `WARM_UP_S` and this time of the drive: signals have cycles of up to 90 s."""
 MIN_DISTANCE_M = 12.0
 """[m] Each CAV drives at least this far in a recording."""
 LONG_M, LONG_COST = 42.0, 3.0
@@ -54,25 +56,9 @@ TURNING_SHARE = 0.75
 START_M, LEAST_START_M = (10.0, 35.0), 5.0
 """[m] Distance of CAV starts from the junction; least distance of starts and goals from the ends of a route."""
 START_MPS = 5.0
+MOST_TRIES = 300
 APART_M = 14.0
 """[m] From a CAV to any other one at the start."""
-
-
-@dataclass(frozen=True)
-class RecordingSite:
-    """A map with its stations and traffic density."""
-
-    network: str
-    stations: tuple[tuple[float, float], ...]
-    """x, y [m]"""
-    vehicles: int
-    people: PopulationCounts
-
-
-RECORDING_SITES = {
-    "crossing": RecordingSite("city_crossing", ((16.0, 17.0), (-16.0, -17.0)), 28, PopulationCounts(20, 5, 7, 5, 0.45)),
-    "corridor": RecordingSite("city_corridor", ((-40.0, -1.0), (40.0, 2.0)), 28, PopulationCounts(23, 5, 7, 6, 0.35)),
-}
 
 
 @dataclass(frozen=True)
@@ -85,17 +71,26 @@ class RecordedDrive:
 
 
 def build_cavs(roads: RoadMap, count: int, rng: random.Random) -> tuple[Ego, ...]:
-    """Build CAVs well apart before junctions, on roads of one axis: lights then release them together."""
+    """Build CAVs well apart before junctions, on roads of one axis: lights then release them together.
+
+    Raises InputError for a network without room for them.
+    """
+    ways = {turns: [way for way in find_lane_routes(roads) if _does_turn(way) == turns] for turns in (False, True)}
     found: list[Ego] = []
-    while len(found) < count:
-        turns = rng.random() < TURNING_SHARE
-        way = rng.choice([way for way in find_lane_routes(roads) if (way.turn in ("left", "right")) == turns])
+    for _ in range(MOST_TRIES if all(ways.values()) else 0):
+        way = rng.choice(ways[rng.random() < TURNING_SHARE])
         start = max(locate_junction(roads, way)[0] - rng.uniform(*START_M), LEAST_START_M)
         spawn = SpawnPoint(start, build_route_line(roads, way.lanes).last_m - LEAST_START_M)
         ego = build_spawned_cav(roads, str(len(found)), way, spawn, 0.0)
         if all(_is_apart(ego, other) and _share_axis(ego, other) for other in found):
             found.append(ego.model_copy(update={"start_speed": START_MPS}))
-    return tuple(found)
+        if len(found) == count:
+            return tuple(found)
+    raise InputError(f"network {roads.name}: expected room for {count} CAVs before a junction, found none")
+
+
+def _does_turn(way: LaneRoute) -> bool:
+    return way.turn in ("left", "right")
 
 
 def _is_apart(one: Ego, other: Ego) -> bool:
@@ -106,26 +101,24 @@ def _share_axis(one: Ego, other: Ego) -> bool:
     return abs(portable.cos(one.start.yaw - other.start.yaw)) > portable.cos(math.pi / 4)
 
 
-def record_drive(place: str, number: int, count: int, seed: int) -> RecordedDrive:
-    """Record a drive of `count` CAVs in dense traffic at one of `RECORDING_SITES`."""
-    where = RECORDING_SITES[place]
-    roads = load_road_map(find_network_folder(where.network))
-    name = f"{place}_{number:03d}"
+def record_drive(site: RecordingSite, name: str, count: int, seed: int) -> RecordedDrive:
+    """Record a drive of `count` CAVs in dense traffic at a site. Raises InputError if there is no room for them."""
+    roads = load_road_map(site.network)
     rng = random.Random(derive_seed(seed, "synthetic", name))
     egos = build_cavs(roads, count, rng)
-    people = build_people(roads, where.people, LATEST_START_S + WINDOW_S, rng)
-    request = TrafficRequest(queue=0, others=where.vehicles, is_jammed=True)
+    people = build_people(roads, site.people, LATEST_START_S + WINDOW_S, rng)
+    request = TrafficRequest(queue=0, others=site.vehicles, is_jammed=True)
     vehicles = build_near_traffic(roads, egos, people, request, rng)
     scenario = Scenario(
         id=name,
         bucket=BUCKET,
         category=CATEGORY,
-        network=where.network,
+        network=roads.name,
         signals="program",
         egos=egos,
         background=Background(vehicles=vehicles),
         actors=people,
-        rsus=tuple(RoadsideUnit(id=f"post{n}", x=x, y=y) for n, (x, y) in enumerate(where.stations)),
+        rsus=tuple(RoadsideUnit(id=f"post{n}", x=x, y=y) for n, (x, y) in enumerate(site.stations)),
     )
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in egos}
     drivers = {ego.id: LocalDriver(AGENTS[DRIVER]({})) for ego in egos}

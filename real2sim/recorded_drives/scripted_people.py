@@ -1,35 +1,37 @@
 """Pedestrians, cyclists and parked vehicles of a synthetic recording: scripted actors beside the lanes.
 
 Pedestrians walk on pavements, stand at corners, and use crossings when lights allow it, or at any time without lights;
-then they stand. Cyclists ride along kerbs without parked vehicles. Both networks have the same cross-section on every
-road: car lanes, 2.2 m of parking, a pavement of 2.5 m (`networks/city_crossing`, `networks/city_corridor`).
+then they stand. Cyclists ride on cycle lanes.
 """
 
 import math
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import cycle, islice, pairwise
 
 import numpy as np
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.core.geometry import build_polyline
+from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion, TimeTrigger
-from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_rider
-from mdrive_sumo.worlds.placement.lane_chains import build_pose, compute_lane_pose
-from mdrive_sumo.worlds.placement.parked_vehicles import ParkedRow, build_parked_row
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_parked_vehicle, build_rider
+from mdrive_sumo.worlds.placement.lane_chains import build_pose
 from mdrive_sumo.worlds.signalled_crossings import SignalledCrossing, find_signalled_crossings
+from real2sim.recorded_drives.roadside_poses import (
+    KerbSide,
+    compute_cycling_pose,
+    compute_walking_pose,
+    find_kerb_sides,
+)
 
-PARKING_M, PAVEMENT_M = 2.2, 2.5
-"""Widths in the recipes of the networks."""
-RIDE_M = 0.6
-"""[m] Distance of cyclists from the lane's edge, in the empty parking strip."""
 STEP_M = 3.0
 """[m] Between points of a path."""
-CLEAR_M = 12.0
-"""[m] No parking this close to a junction."""
+BAY_M = 6.8
+"""[m] Kerb length per parked vehicle."""
+LONGEST_WALK_M = 105.0
+"""[m] Of the fastest walker, 1.9 m/s, during the longest drive, 55 s."""
 VAN_SHARE = 0.15
 """Share of vans among parked vehicles."""
 WAIT_M, BEYOND_M = 1.8, 3.0
@@ -44,50 +46,37 @@ class PopulationCounts:
     waiting: int
     crossing: int
     cyclists: int
-    parked_share: float
-    """Share of the parking places that are taken."""
-
-
-def find_kerb_lanes(roads: RoadMap) -> list[Lane]:
-    """Return the rightmost car lane of every road."""
-    return [lane for lane in roads.driving if not lane.junction and not lane.right]
-
-
-def compute_walking_pose(lane: Lane, s: float, aside: float) -> Pose:
-    """Return a pose on the pavement, `aside` from -1 (at the kerb) to 1 (at the houses)."""
-    return compute_lane_pose(lane, s, -(lane.width / 2 + PARKING_M + PAVEMENT_M / 2 * (1 + 0.8 * aside)))
+    parked: int
 
 
 def build_people(roads: RoadMap, count: PopulationCounts, until_s: float, rng: random.Random) -> tuple[Actor, ...]:
-    """Build all of them; `until_s` [s] is the latest time at which a pedestrian begins to cross."""
-    lanes = find_kerb_lanes(roads)
-    strips = {lane.id for lane in rng.sample(lanes, max(len(lanes) // 4, 2))}
-    cycle_lanes = [lane for lane in lanes if lane.id in strips]
+    """Build all of them; `until_s` [s] is the latest time at which a pedestrian begins to cross.
+
+    Without cycle lanes there are no cyclists, and in few bays few vehicles park: as many more people walk.
+    """
+    sides = find_kerb_sides(roads)
     crossings = find_signalled_crossings(roads)
-    seed = str(rng.getrandbits(64))
-    rows = [
-        ParkedRow((lane.id,), (CLEAR_M, lane.centre.length - CLEAR_M), offset, VAN_SHARE, count.parked_share)
-        for lane in lanes
-        if lane.id not in strips
-        for offset in (-(lane.width + PARKING_M) / 2,)
-    ]
+    parked = tuple(_build_parked(roads, count.parked, rng))
+    cyclists = tuple(_build_cyclists([side for side in sides if side.can_cycle], count.cyclists, until_s, rng))
+    walkers = count.walkers + count.parked - len(parked) + count.cyclists - len(cyclists)
     return (
-        *(_build_walker(f"walker{n}", rng.choice(lanes), rng) for n in range(count.walkers)),
-        *(_build_waiting(f"waiting{n}", rng.choice(lanes), rng) for n in range(count.waiting)),
+        *(_build_walker(f"walker{n}", rng.choice(sides), rng) for n in range(walkers)),
+        *(_build_waiting(f"waiting{n}", rng.choice(sides), rng) for n in range(count.waiting)),
         *(_build_crossing(f"crossing{n}", rng.choice(crossings), until_s, rng) for n in range(count.crossing)),
-        *_build_cyclists(cycle_lanes, count.cyclists, until_s, rng),
-        *(car for n, row in enumerate(rows) for car in build_parked_row(roads, row, seed, f"parked{n}.")),
+        *cyclists,
+        *parked,
     )
 
 
-def _build_walker(name: str, lane: Lane, rng: random.Random) -> Actor:
+def _build_walker(name: str, side: KerbSide, rng: random.Random) -> Actor:
     """Return a pedestrian who walks up and down; walking beyond the path would lead onto the road."""
     aside, speed = rng.uniform(-1.0, 1.0), round(rng.triangular(0.7, 1.9, 1.3), 2)
-    begin, far, near = rng.uniform(3.0, lane.centre.length - 3.0), lane.centre.length - 1.0, 1.0
+    begin, ends = rng.uniform(3.0, side.lane.centre.length - 3.0), (side.lane.centre.length - 1.0, 1.0)
     is_ahead = rng.random() < 0.5
-    turns = (begin, far, near, far) if is_ahead else (begin, near, far, near)
-    stations = [begin, *(s for ends in pairwise(turns) for s in _space_stations(*ends)[1:])]
-    first, *others = (compute_walking_pose(lane, s, aside) for s in stations)
+    legs = math.ceil(LONGEST_WALK_M / (ends[0] - ends[1])) + 1
+    turns = (begin, *islice(cycle(ends if is_ahead else ends[::-1]), legs))
+    stations = [begin, *(s for pair in pairwise(turns) for s in _space_stations(*pair)[1:])]
+    first, *others = (compute_walking_pose(side, s, aside) for s in stations)
     first = build_pose(first.x, first.y, first.yaw + (0.0 if is_ahead else math.pi))
     return build_rider(name, BODIES["adult"], (first, *others), speed)
 
@@ -96,10 +85,11 @@ def _space_stations(begin: float, end: float) -> list[float]:
     return np.linspace(begin, end, max(round(abs(end - begin) / STEP_M), 1) + 1).tolist()
 
 
-def _build_waiting(name: str, lane: Lane, rng: random.Random) -> Actor:
+def _build_waiting(name: str, side: KerbSide, rng: random.Random) -> Actor:
     """Return a standing pedestrian, most of them near a junction."""
-    s = min(rng.expovariate(0.1), lane.centre.length - 1.0)
-    pose = compute_walking_pose(lane, lane.centre.length - s if lane.successors else s, rng.uniform(-1.0, 1.0))
+    length_m = side.lane.centre.length
+    s = min(rng.expovariate(0.1), length_m - 1.0)
+    pose = compute_walking_pose(side, length_m - s if side.lane.successors else s, rng.uniform(-1.0, 1.0))
     return build_actor(name, BODIES["adult"], build_pose(pose.x, pose.y, rng.uniform(-math.pi, math.pi)))
 
 
@@ -125,11 +115,21 @@ def _draw_crossing_time(zebra: SignalledCrossing, until_s: float, rng: random.Ra
     return round(begin + rng.uniform(0.05, length * 2 / 3), 2)
 
 
-def _build_cyclists(lanes: Sequence[Lane], count: int, until_s: float, rng: random.Random) -> Iterator[Actor]:
-    for n in range(count):
-        lane = lanes[n % len(lanes)]
-        begin, end = 4.0 + 10.0 * (n // len(lanes)) + rng.uniform(0.0, 5.0), lane.centre.length - 4.0
-        stations = _space_stations(min(begin, end - STEP_M), end)
-        poses = [compute_lane_pose(lane, s, -(lane.width / 2 + RIDE_M)) for s in stations]
+def _build_cyclists(sides: Sequence[KerbSide], count: int, until_s: float, rng: random.Random) -> Iterator[Actor]:
+    for n in range(count if sides else 0):
+        side = sides[n % len(sides)]
+        begin, end = 4.0 + 10.0 * (n // len(sides)) + rng.uniform(0.0, 5.0), side.lane.centre.length - 4.0
+        poses = [compute_cycling_pose(side, s) for s in _space_stations(min(begin, end - STEP_M), end)]
         speed, trigger = round(rng.uniform(2.0, 4.5), 2), TimeTrigger(at_s=round(rng.uniform(0.0, until_s / 2), 2))
         yield build_rider(f"cyclist{n}", BODIES["bicycle"], poses, speed, 0.0, trigger=trigger)
+
+
+def _build_parked(roads: RoadMap, count: int, rng: random.Random) -> Iterator[Actor]:
+    """Yield vehicles in the parking rows of the network."""
+    rows = [build_polyline(row.xy) for row in roads.parking]
+    bays = [(row, s) for row in rows for s in np.arange(BAY_M / 2, row.length - BAY_M / 2, BAY_M).tolist()]
+    for n, k in enumerate(sorted(rng.sample(range(len(bays)), min(count, len(bays))))):
+        row, s = bays[k]
+        (x, y), yaw = row.at(s), row.yaw_at(s)
+        model = "van" if rng.random() < VAN_SHARE else "car"
+        yield build_parked_vehicle(f"parked{n}", model, build_pose(x, y, yaw), mirrored=False)

@@ -1,0 +1,145 @@
+"""Draw the V2XPnP bucket of a season: the entry point `v2xpnp` in `mdrive_sumo.season_buckets`.
+
+Synthetic recordings in the V2XPnP format, not the V2XPnP data set: drives in SUMO at drawn places are recorded by CAVs
+and road-side units, written in the format with its noise, and converted like `mdrive-sumo convert v2xpnp`, except that
+all logs of a place share one network. More recordings are made than needed; those whose means come nearest to the
+paper's table are kept. Recordings in which a CAV cannot arrive are dropped.
+"""
+
+import math
+import random
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import copy_file, make_folder
+from mdrive_sumo.generate.seasons.season_bucket import BucketRequest
+from mdrive_sumo.generate.selection import SelectionItem, select_items
+from mdrive_sumo.generate.validation import FULL_SCORE
+from mdrive_sumo.runs.journal import Journal, open_journal
+from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
+from mdrive_sumo.scenario.statistics import PAPER
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, load_suite, save_suite, seal_suite
+from real2sim.network import NetworkReport
+from real2sim.recorded_drives.convert_recording import (
+    NETWORKS,
+    SUITE,
+    RecordingOutcome,
+    RecordingTask,
+    build_site_network,
+    convert_recording,
+    record_log,
+)
+from real2sim.recorded_drives.recording_site import draw_sites
+
+COUNT = 67
+SHARES = {2: 54, 1: 13}
+"""Number of the 67 scenarios by number of CAVs; 1.81 CAVs per scenario (paper: 1.80)."""
+DRIVES_PER_SCENARIO = 5.0
+"""Half of the drives stop at a red light, some are not solvable, and the means must match."""
+LIMIT_S = 600.0
+R = TypeVar("R")
+
+
+def draw_bucket(request: BucketRequest) -> None:
+    """Record, convert, select and write; raise InputError."""
+    wanted = split_count(request.count)
+    with open_journal(request.work, request.seed.describe() | {"bucket": "v2xpnp"}, fresh=False) as journal:
+        known = {str(line["id"]): line for line in journal.results}
+        tasks = _build_tasks(request, wanted)
+        logs = _run_all(record_log, "log", tasks, request, journal, known)
+        recorded = [task for task in tasks if logs[task.name] == ""]
+        ready = _add_networks(recorded, request)
+        found = _run_all(convert_recording, "scenario", ready, request, journal, known)
+    outcomes = [one for one in map(_read_outcome, found.values()) if one is not None]
+    _write_selection(request, outcomes, {str(cavs): number for cavs, number in wanted.items()})
+
+
+def split_count(count: int) -> dict[int, int]:
+    """Return the number of scenarios by number of CAVs, rounded so that they add up to `count`."""
+    pairs = round(count * SHARES[2] / COUNT)
+    return {2: pairs, 1: count - pairs}
+
+
+def _build_tasks(request: BucketRequest, wanted: Mapping[int, int]) -> list[RecordingTask]:
+    """Return all tasks: the drives go round the places."""
+    sites = draw_sites(request.seed.derive("v2xpnp", "places"), request.work / "places")
+    drives = [cavs for cavs, number in wanted.items() for _ in range(math.ceil(DRIVES_PER_SCENARIO * number))]
+    seed = int(request.seed.derive("v2xpnp", "drives")[:12], 16)
+    return [RecordingTask(sites[n % len(sites)], n, cavs, seed, request.work) for n, cavs in enumerate(drives)]
+
+
+def _add_networks(tasks: Sequence[RecordingTask], request: BucketRequest) -> list[RecordingTask]:
+    """Return the tasks with the network of their place."""
+    by_place: dict[Path, list[RecordingTask]] = {}
+    for task in tasks:
+        by_place.setdefault(task.site.network, []).append(task)
+    with ProcessPool[list[RecordingTask], NetworkReport](build_site_network, request.workers, LIMIT_S) as pool:
+        networks: dict[Path, NetworkReport] = {}
+        for group, report in pool.run(list(by_place.values())):
+            if isinstance(report, WorkerFailure):
+                raise InputError(f"network of {group[0].site.network.name}: expected one, found none: {report.reason}")
+            networks[group[0].site.network] = report
+    return [replace(task, network=networks[task.site.network]) for task in tasks]
+
+
+def _run_all(
+    function: Callable[[RecordingTask], R],
+    stage: str,
+    tasks: Sequence[RecordingTask],
+    request: BucketRequest,
+    journal: Journal,
+    known: Mapping[str, Mapping[str, Any]],
+) -> dict[str, Any]:
+    """Return the result of every task by name, from the journal where it holds it: JSON values."""
+    found = {task.name: known[f"{stage}/{task.name}"]["value"] for task in tasks if f"{stage}/{task.name}" in known}
+    missing = [task for task in tasks if task.name not in found]
+    with ProcessPool[RecordingTask, R](function, request.workers, LIMIT_S) as pool:
+        for n, (task, answer) in enumerate(pool.run(missing), 1):
+            if isinstance(answer, WorkerFailure):
+                if answer.kind is FailureKind.INPUT:
+                    raise InputError(answer.reason)
+                value: Any = answer.reason
+            else:
+                value = asdict(answer) if isinstance(answer, RecordingOutcome) else answer
+            journal.add_result({"id": f"{stage}/{task.name}", "value": value})
+            found[task.name] = value
+            request.note(f"{stage} {n}/{len(missing)}  v2xpnp/{task.name} {value if isinstance(value, str) else ''}")
+    return {task.name: found[task.name] for task in tasks}
+
+
+def _read_outcome(value: Any) -> RecordingOutcome | None:
+    """Return the outcome that the journal holds; None for a recording that could not be converted."""
+    if isinstance(value, str):
+        return None
+    return RecordingOutcome(**value | {"item": SelectionItem(**value["item"])})
+
+
+def _write_selection(request: BucketRequest, outcomes: Sequence[RecordingOutcome], wanted: Mapping[str, int]) -> None:
+    """Select among the converted scenarios and write the sealed suite.
+
+    Scenarios that would fail `mdrive-sumo validate` are dropped; if enough remain, also those in which `omniscient` has
+    an infraction.
+    """
+    pool: list[SelectionItem] = []
+    for group, count in wanted.items():
+        sound = [one for one in outcomes if one.item.group == group and not one.problems]
+        if len(sound) < count:
+            raise InputError(f"v2xpnp: expected {count} sound scenarios with {group} CAVs, found {len(sound)}")
+        solved = [one for one in sound if one.omniscient_ds == FULL_SCORE]
+        rest = [one for one in sound if one not in solved]
+        pool += [one.item for one in (*solved, *rest[: max(count - len(solved), 0)])]
+    paper = PAPER["v2xpnp"]
+    means = (None, paper.mean_route_m, paper.mean_heading_change_deg, paper.mean_actors)
+    rng = random.Random(request.seed.derive("selection", "v2xpnp"))
+    chosen = select_items(pool, wanted, means, rng)
+    source = request.work / SUITE
+    for item in chosen:
+        copy_file(source / item.id / SCENARIO_FILE, make_folder(request.folder / item.id) / SCENARIO_FILE)
+    for name in sorted({item.network for item in chosen}):
+        for path in sorted((source / NETWORKS / name).iterdir()):
+            copy_file(path, make_folder(request.folder / NETWORKS / name) / path.name)
+    save_suite(Suite(request.about, request.folder, ()))
+    save_suite(seal_suite(load_suite(str(request.folder))))
