@@ -5,7 +5,7 @@ import gzip
 import re
 import sys
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from importlib.resources import files
@@ -71,6 +71,15 @@ class Lane:
 
 
 @dataclass(frozen=True)
+class Footway:
+    """A pavement along an edge: centre line and width [m]. People walk it both ways."""
+
+    edge: str
+    centre: Polyline
+    width: float
+
+
+@dataclass(frozen=True)
 class NearestLanes:
     """The nearest lane of each of M points; all arrays (M,)."""
 
@@ -111,6 +120,10 @@ class RoadMap:
     parking: tuple[ParkingRow, ...] = ()
     """Where parked vehicles may stand."""
     bus_stops: tuple[BusStop, ...] = ()
+    footways: tuple[Footway, ...] = ()
+    """Sorted by edge; `pavements` has their outlines, and those of the corners between them."""
+    cycle_lanes: Mapping[str, Lane] = field(default_factory=dict[str, Lane])
+    """Lanes that bicycles may use and cars may not, by id; their neighbours are among each other."""
     yield_signs: tuple[YieldSign, ...] = ()
 
     @property
@@ -217,6 +230,12 @@ def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: boo
     check_net_numbers(net, raw)
     cars = {lane.getID(): lane for lane in raw if lane.allows("passenger") and _build_centre_line(lane) is not None}
     foot = [lane for lane in raw if lane.allows("pedestrian") and not lane.allows("passenger")]
+    cycles = {
+        lane.getID(): lane
+        for lane in raw
+        if lane.allows("bicycle") and not (lane.allows("passenger") or lane.allows("pedestrian"))
+        if _build_centre_line(lane) is not None
+    }
     zebras = [lane for lane in foot if lane.getEdge().getFunction() == "crossing"]
     walks = [lane for lane in foot if lane not in zebras]
     return RoadMap(
@@ -242,6 +261,8 @@ def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: boo
         roundabout_edges=find_roundabout_edges(net),
         parking=about.parking,
         bus_stops=about.bus_stops,
+        footways=tuple(_find_footways(walks)),
+        cycle_lanes={lane_id: _build_lane(lane, cycles, left_hand) for lane_id, lane in sorted(cycles.items())},
         yield_signs=about.yield_signs,
     )
 
@@ -262,6 +283,14 @@ def _build_outline(lane: Any) -> Float:
         return shape
     strip = shapely.buffer(shapely.LineString(shape), lane.getWidth() / 2, cap_style="flat")
     return shapely.get_coordinates(shapely.get_exterior_ring(strip))
+
+
+def _find_footways(walks: Sequence[Any]) -> Iterator[Footway]:
+    """Return the pavements along edges, without the corners between them."""
+    for lane in sorted(walks, key=lambda one: one.getID()):
+        centre = None if lane.getEdge().getFunction() else _build_centre_line(lane)
+        if centre is not None and not CROSSWALK_EDGE.fullmatch(lane.getEdge().getID()):
+            yield Footway(lane.getEdge().getID(), centre, lane.getWidth())
 
 
 def _build_centre_line(lane: Any) -> Polyline | None:
