@@ -5,11 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 
+from mdrive_sumo.actors.gap_acceptance import is_gap
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, EgoState, Frame
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
     DistanceTrigger,
+    GapTrigger,
     HardBrake,
     LaneChange,
     LaneMotion,
@@ -107,6 +109,8 @@ def is_triggered(actor: Actor, position: ActorPosition, frame: Frame) -> bool:
         case PositionTrigger(vehicle=vehicle, x=x, y=y, radius_m=radius):
             ego = frame.egos.get(vehicle)
             return ego is not None and portable.hypot(ego.x - x, ego.y - y) <= radius
+        case GapTrigger(after_s=after_s):
+            return frame.tick * DT >= after_s - 1e-9 and is_gap(actor, frame)
         case None:
             return False
 

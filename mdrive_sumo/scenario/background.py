@@ -49,6 +49,43 @@ class Schedule(ScenarioPart):
         return self
 
 
+def _is_empty(value: tuple[object, ...]) -> bool:
+    """Return whether an optional list is empty: then it is left out of files and checksums."""
+    return not value
+
+
+def _is_vehicle(value: str) -> bool:
+    """Return whether a kind is the default one, which is left out of files and checksums."""
+    return value == "vehicle"
+
+
+def _is_false(value: bool) -> bool:
+    """Return whether a flag has its default, which is left out of files and checksums."""
+    return not value
+
+
+class VehicleStop(ScenarioPart):
+    """A stop in the lane on the way: of a bus, or of a van that delivers. Traffic behind waits or passes."""
+
+    edge: str
+    """One of the edges of the vehicle's route."""
+    lane: int = Field(ge=0)
+    """SUMO index of the lane."""
+    pos_m: float = Field(gt=0)
+    """Where the front bumper stops, along the lane."""
+    duration_s: Seconds
+    """How long it stands."""
+
+
+class ParkedStart(ScenarioPart):
+    """A vehicle that is parked beside its lane at the start and pulls out when there is a gap in the traffic."""
+
+    offset_m: float = Field(ge=-10, le=10)
+    """Of the centre of its box from that of the lane, positive to the left."""
+    leaves_s: Seconds
+    """Time since the start from which it waits for a gap."""
+
+
 class BackgroundVehicle(ScenarioPart):
     """A vehicle driven by SUMO along `edges`."""
 
@@ -64,8 +101,29 @@ class BackgroundVehicle(ScenarioPart):
     """[m]; SUMO's default passenger car."""
     driving: CarFollowing = CarFollowing()
     schedule: Schedule | None = None
+    kind: Literal["vehicle", "cyclist"] = Field(default="vehicle", exclude_if=_is_vehicle)
+    """A cyclist rides on cycle lanes where its edges have them, else at the kerb side of the lane for cars; e-scooters
+    are cyclists."""
+    keeps_lane: bool = Field(default=False, exclude_if=_is_false)
+    """Whether it never changes lanes: then the lanes from its departure on must lead along its edges. SUMO moves a
+    vehicle over within 2 s however near a standing one ahead is, so that their boxes overlap."""
+    stops: tuple[VehicleStop, ...] = Field(default=(), exclude_if=_is_empty)
+    """In the order of the route. A vehicle with a schedule has none."""
+    parked: ParkedStart | None = Field(default=None, exclude_if=_is_unset)
+    """If it is parked at the start: beside its departure position, at which it departs at 0 s."""
     log: tuple[tuple[Seconds, Coordinate, Coordinate, Coordinate], ...] = ()
     """Poses of the log for modes `replay` and `hybrid`: time since the start [s], x, y [m] of the box centre, yaw."""
+
+    @model_validator(mode="after")
+    def _check_stops(self) -> "BackgroundVehicle":
+        if self.schedule is not None and (self.stops or self.parked is not None):
+            raise ValueError(f"vehicle {self.id}: expected either a schedule or stops and a parked start, found both")
+        for stop in self.stops:
+            if stop.edge not in self.edges:
+                raise ValueError(f"vehicle {self.id}: stops: expected edges of its route, found {stop.edge!r}")
+        if self.parked is not None and (self.depart_s, self.depart_speed) != (0.0, 0.0):
+            raise ValueError(f"vehicle {self.id}: parked: expected depart_s 0 and depart_speed 0, found another one")
+        return self
 
 
 class Background(ScenarioPart):

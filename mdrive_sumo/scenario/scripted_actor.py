@@ -87,7 +87,19 @@ class PositionTrigger(ScenarioPart):
     radius_m: float = Field(default=3.0, gt=0, le=50)
 
 
-Trigger = Annotated[DistanceTrigger | TimeTrigger | PositionTrigger, Field(discriminator="type")]
+class GapTrigger(ScenarioPart):
+    """Fires at the first gap in the traffic on the first stretch of the actor's path, for people who cross a road.
+
+    No vehicle or cyclist, CAVs included, is so near that it could not stop comfortably before the stretch. Once the
+    actor walks there, SUMO's traffic yields on all lanes that are left to cross, as drivers do at a zebra crossing.
+    """
+
+    type: Literal["gap"] = "gap"
+    after_s: Seconds = 0.0
+    """It looks for a gap from this time since the start on."""
+
+
+Trigger = Annotated[DistanceTrigger | TimeTrigger | PositionTrigger | GapTrigger, Field(discriminator="type")]
 
 
 class StartMotion(ScenarioPart):
@@ -158,6 +170,8 @@ class Actor(ScenarioPart):
             raise ValueError(f"actor {self.id}: expected a trigger for its action {self.action.type}, found none")
         if self.trigger is not None and isinstance(self.motion, StandingMotion):
             raise ValueError(f"actor {self.id}: expected a motion that its trigger sets off, found standing")
+        if isinstance(self.trigger, GapTrigger) and not isinstance(self.motion, PathMotion):
+            raise ValueError(f"actor {self.id}: expected a path for the trigger gap, found {self.motion.type}")
         if isinstance(self.action, HardBrake | LaneChange) and not isinstance(self.motion, PathMotion | LaneMotion):
             raise ValueError(
                 f"actor {self.id}: expected a path or lanes for {self.action.type}, found {self.motion.type}"

@@ -78,9 +78,17 @@ def _departure_pose(vehicle: BackgroundVehicle, background: Background, roads: R
         return Pose(x=x, y=y, yaw=yaw)
     lane = roads.lanes.get(f"{vehicle.edges[0]}_{vehicle.depart_lane}")
     front = vehicle.depart_pos_m + (vehicle.schedule.progress[0][1] if vehicle.schedule else 0.0)
-    return None if lane is None or front > lane.centre.length else _pose_behind_front(lane, front, vehicle.length)
+    if lane is None or front > lane.centre.length:
+        return None
+    pose = _pose_behind_front(lane, front, vehicle.length)
+    return pose if vehicle.parked is None else _move_left(pose, vehicle.parked.offset_m)
 
 
 def _pose_behind_front(lane: Lane, front: float, length: float) -> Pose:
     (x, y), yaw = lane.centre.at(front), lane.centre.yaw_at(front)
     return Pose(x=x - portable.cos(yaw) * length / 2, y=y - portable.sin(yaw) * length / 2, yaw=yaw)
+
+
+def _move_left(pose: Pose, offset_m: float) -> Pose:
+    cos, sin = portable.cos_sin(pose.yaw)
+    return Pose(x=pose.x - sin * offset_m, y=pose.y + cos * offset_m, yaw=pose.yaw)

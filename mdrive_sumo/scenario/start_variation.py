@@ -192,8 +192,9 @@ def _find_departure_pose(vehicle: BackgroundVehicle, roads: RoadMap) -> Pose | N
         lane, ahead = following[0], ahead - lane.centre.length
     if lane is None:
         return None
-    x, y = lane.centre.at(ahead - vehicle.length / 2)
-    return Pose(x=x, y=y, yaw=lane.centre.yaw_at(ahead))
+    (x, y), yaw = lane.centre.at(ahead - vehicle.length / 2), lane.centre.yaw_at(ahead)
+    offset = vehicle.parked.offset_m if vehicle.parked else 0.0
+    return Pose(x=x - portable.sin(yaw) * offset, y=y + portable.cos(yaw) * offset, yaw=yaw)
 
 
 def _leads_to(roads: RoadMap, name: str, edges: Sequence[str]) -> bool:

@@ -17,6 +17,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
     DistanceTrigger,
+    GapTrigger,
     LaneMotion,
     PathMotion,
     PositionTrigger,
@@ -114,6 +115,8 @@ def _vary_trigger(trigger: Trigger, uniform: float) -> Trigger:
             update = {"radius_m": min(round(trigger.radius_m * factor, 3), 50.0)}
         case TimeTrigger():
             update = {"at_s": round(max(trigger.at_s + BOUNDS.trigger_time_s * (2.0 * uniform - 1.0), 0.0), 3)}
+        case GapTrigger():
+            update = {"after_s": round(max(trigger.after_s + BOUNDS.trigger_time_s * (2.0 * uniform - 1.0), 0.0), 3)}
     return trigger.model_copy(update=update)
 
 

@@ -20,9 +20,12 @@ from mdrive_sumo.sumo.insertion import (
     is_free,
 )
 from mdrive_sumo.sumo.lane_change import RoadUsersProvider
+from mdrive_sumo.sumo.parked_departure import ParkedDepartures
 from mdrive_sumo.sumo.planned_poses import build_planned_poses
 from mdrive_sumo.sumo.scheduled_driving import FREE, ScheduleFollower
 
+NO_CHANGES = 0b10_0000_0000
+"""SUMO's lane change mode without any change of its own."""
 CONFLICT_SEARCH_TICKS = 4
 """Interval of the search for conflicts of vehicles on schedule with others: 0.2 s."""
 
@@ -37,6 +40,7 @@ class BackgroundTraffic:
         self._followers: dict[str, ScheduleFollower] = {}
         self._just_departed: list[str] = []
         self._disturbed: set[str] = set()
+        self._parked = ParkedDepartures(roads, background.action_step_s)
         self.has_vehicles = False
         """Whether SUMO drives any vehicle, now or later."""
 
@@ -48,6 +52,8 @@ class BackgroundTraffic:
             self._register(vehicle)
             if vehicle.schedule is None:
                 _add_reactive(vehicle)
+                if vehicle.parked is not None:
+                    self._parked.add(vehicle)
             else:
                 self._waiting.append((vehicle, find_departure_point(vehicle, self._roads)))
 
@@ -116,6 +122,10 @@ class BackgroundTraffic:
             else:
                 self._just_departed.append(vehicle.id)
 
+    def show_parked(self, driven: Actors) -> None:
+        """Put vehicles that are parked or pull out in their place, in newly read actors."""
+        self._parked.show(driven)
+
     @property
     def lane_change_offsets(self) -> dict[str, tuple[float, float]]:
         """Lateral offset [m] from the position in SUMO, and its rate [m/s], by vehicle that changes lanes."""
@@ -146,3 +156,7 @@ def _add_reactive(vehicle: BackgroundVehicle) -> None:
         vehicle.id, vehicle.id, typeID=build_type_id(vehicle), depart=f"{vehicle.depart_s:.3f}",
         departLane=str(vehicle.depart_lane), departPos=str(vehicle.depart_pos_m), departSpeed=str(vehicle.depart_speed),
     )  # fmt: skip
+    if vehicle.keeps_lane:
+        libsumo.vehicle.setLaneChangeMode(vehicle.id, NO_CHANGES)
+    for stop in vehicle.stops:
+        libsumo.vehicle.setStop(vehicle.id, stop.edge, stop.pos_m, stop.lane, stop.duration_s)

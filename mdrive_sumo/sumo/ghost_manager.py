@@ -3,13 +3,15 @@
 # pyright: basic
 # Because libsumo has no type information.
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import libsumo
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.state import Actors
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.scripted_actor import Actor, GapTrigger, PathMotion
 from mdrive_sumo.sumo.ghost_placement import CORRIDOR_M, Ghost, SourceBox, find_ghosts
 from mdrive_sumo.sumo.placed_vehicles import GHOST, add_placed_vehicle, place_vehicle
 
@@ -17,14 +19,44 @@ SCRIPTED = "scripted:"
 """Prefix of their source ids. They have ghosts in SUMO but no placed vehicle."""
 
 
+BEGUN_M, DONE_M = 0.05, 0.3
+"""[m] A person who waits for a gap claims its way from this distance from its start on, until this near its end."""
+
+
 class MirroredActors:
     """Selects the scripted actors that SUMO's traffic reacts to."""
 
     def __init__(self, actors: Sequence[Actor]) -> None:
         self._not_mirrored = frozenset(actor.id for actor in actors if not actor.mirrored)
+        self._ways = {
+            actor.id: actor.motion.points[:2]
+            for actor in actors
+            if isinstance(actor.trigger, GapTrigger) and isinstance(actor.motion, PathMotion)
+        }
 
     def select(self, scripted: Actors) -> Actors:
-        """Return the actors that SUMO's traffic reacts to."""
+        """Return the actors that SUMO's traffic reacts to; those that cross by a gap as long as the way left to go."""
+        return self._extend(self._leave_out(scripted)) if self._ways else self._leave_out(scripted)
+
+    def _extend(self, scripted: Actors) -> Actors:
+        """Return the actors; the boxes of those that cross reach to the end of the stretch, and stand."""
+        x, y, yaw, length = (column.copy() for column in (scripted.x, scripted.y, scripted.yaw, scripted.length))
+        speed = scripted.speed.copy()
+        for i, name in enumerate(scripted.ids):
+            if (way := self._ways.get(name)) is None:
+                continue
+            here, (start, end) = (float(x[i]), float(y[i])), way
+            whole, left = portable.distance(start, end), portable.distance(here, end)
+            passed = portable.distance(start, here)
+            if passed < BEGUN_M or left < DONE_M or passed > whole:
+                continue
+            x[i], y[i] = (here[0] + end[0]) / 2, (here[1] + end[1]) / 2
+            yaw[i] = portable.atan2(end[1] - start[1], end[0] - start[0])
+            length[i] += left
+            speed[i] = 0.0
+        return replace(scripted, x=x, y=y, yaw=yaw, length=length, speed=speed)
+
+    def _leave_out(self, scripted: Actors) -> Actors:
         if self._not_mirrored.isdisjoint(scripted.ids):
             return scripted
         chosen = [name not in self._not_mirrored for name in scripted.ids]

@@ -20,6 +20,8 @@ from mdrive_sumo.sumo.placed_vehicles import GHOST
 
 CORRIDOR_M = 1.8
 """Width [m] of the strip that a background vehicle sweeps on its lane: SUMO's default passenger car."""
+CYCLE_CORRIDOR_M = 1.0
+"""[m] The same of cyclists on cycle lanes: the room that ERA 2010 takes for one who rides."""
 SHORTEST_M = 0.5
 """Least length [m] of a ghost."""
 
@@ -65,7 +67,7 @@ def find_ghosts(sources: Sequence[SourceBox], roads: RoadMap) -> dict[str, Ghost
     strips = _build_corridors(roads)
     corners = np.array([box_corners(b.x, b.y, b.yaw, b.length, b.width) for b in sources])
     near = find_near_pairs(corners, strips.bounds)
-    pairs = [(b, lane) for b, lane in near if roads.driving[lane].id != sources[b].visible_lane]
+    pairs = [(b, lane) for b, lane in near if strips.lanes[lane].id != sources[b].visible_lane]
     if not pairs:
         return {}
     boxes: Any = shapely.polygons(corners)
@@ -90,9 +92,10 @@ def _build_ghosts(
     sources: Sequence[SourceBox], pairs: list[tuple[int, int]], boxes: Any, roads: RoadMap
 ) -> Iterator[tuple[str, Ghost]]:
     source, lane = np.array(pairs).T
-    first, last = _compute_extents(boxes[source], lane, _build_corridors(roads))
+    strips = _build_corridors(roads)
+    first, last = _compute_extents(boxes[source], lane, strips)
     for (b, found), begin, end in zip(pairs, first.tolist(), last.tolist(), strict=True):
-        one, on = sources[b], roads.driving[found]
+        one, on = sources[b], strips.lanes[found]
         length = max(end - begin, SHORTEST_M)
         front = max(end, length)  # the rear must be on this lane as well: SUMO loses vehicles that span two lanes
         along = one.speed * portable.cos(one.yaw - on.centre.yaw_at(end)) if one.speed else 0.0
@@ -110,8 +113,9 @@ def _compute_extents(boxes: Any, lane: Any, strips: "_Corridors") -> tuple[Float
 
 @dataclass(frozen=True, slots=True)
 class _Corridors:
-    """Centre lines (L,) and the strips that background vehicles sweep, in the order of `RoadMap.driving`."""
+    """Centre lines (L,) and the strips that background vehicles sweep, of lanes for cars and cycle lanes."""
 
+    lanes: tuple[Lane, ...]
     lines: Any
     areas: Any
     bounds: Float
@@ -120,7 +124,9 @@ class _Corridors:
 
 @lru_cache(maxsize=64)
 def _build_corridors(roads: RoadMap) -> _Corridors:
-    lines = np.array([shapely.LineString(lane.centre.xy) for lane in roads.driving], dtype=object)
-    areas = shapely.buffer(lines, CORRIDOR_M / 2, cap_style="flat")
+    lanes = (*roads.driving, *roads.cycle_lanes.values())
+    lines = np.array([shapely.LineString(lane.centre.xy) for lane in lanes], dtype=object)
+    half_widths = [CORRIDOR_M / 2] * len(roads.driving) + [CYCLE_CORRIDOR_M / 2] * len(roads.cycle_lanes)
+    areas = shapely.buffer(lines, half_widths, cap_style="flat")
     shapely.prepare(areas)
-    return _Corridors(lines, areas, np.asarray(shapely.bounds(areas)))
+    return _Corridors(lanes, lines, areas, np.asarray(shapely.bounds(areas)))

@@ -21,7 +21,7 @@ from mdrive_sumo.sumo.placed_vehicles import MATCH_M
 from mdrive_sumo.sumo.schedule import ACTION_TICKS, ScheduleTable
 from mdrive_sumo.sumo.sumo_frames import compute_front_bumper, convert_yaw_to_sumo
 
-STANDARD = "DEFAULT_VEHTYPE"
+STANDARD, CYCLE = "DEFAULT_VEHTYPE", "DEFAULT_BIKETYPE"
 EMERGENCY_DECEL = 9.0
 """[m/s2] SUMO's default emergency deceleration."""
 SLACK_M = 0.2
@@ -43,6 +43,8 @@ MAX_LANE_DISTANCE_M = 3.0
 
 def build_type_id(vehicle: BackgroundVehicle) -> str:
     """Return the vehicle type id: SUMO's default type, or one per driving style and dimensions."""
+    if vehicle.kind == "cyclist":
+        return f"cyclist:{vehicle.length}:{vehicle.width}:{vehicle.driving.model_dump_json()}"
     plain = (vehicle.driving, vehicle.length, vehicle.width, vehicle.schedule) == (CarFollowing(), 5.0, 1.8, None)
     kind = "scheduled" if vehicle.schedule else "logged" if vehicle.log else "free"
     return STANDARD if plain else f"{kind}:{vehicle.length}:{vehicle.width}:{vehicle.driving.model_dump_json()}"
@@ -53,7 +55,7 @@ def add_vehicle_type(vehicle: BackgroundVehicle) -> None:
     name, driving, types = build_type_id(vehicle), vehicle.driving, libsumo.vehicletype
     if name in types.getIDList():
         return
-    types.copy(STANDARD, name)
+    types.copy(CYCLE if vehicle.kind == "cyclist" else STANDARD, name)
     types.setLength(name, vehicle.length)
     types.setWidth(name, vehicle.width)
     types.setTau(name, driving.tau_s)

@@ -11,6 +11,7 @@ from typing import Self
 import libsumo
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.state import DT, Actors, EgoState, Kind, WorldState
@@ -34,6 +35,9 @@ _position, _angle, _speed = _raw.vehicle_getPosition, _raw.vehicle_getAngle, _ra
 _light_state = _raw.trafficlight_getRedYellowGreenState
 """libsumo's functions without the Python wrappers, which double their time; called for every vehicle and tick."""
 ROLLING = (Kind.VEHICLE, Kind.CYCLIST)
+KERB_SHIFT_M = 0.8
+"""[m] From the middle of a lane for cars to the line on which cyclists ride: half a metre to a metre from the kerb in
+lanes of 2.75 to 3.5 m (ERA 2010)."""
 
 
 class SumoWorld:
@@ -64,6 +68,7 @@ class SumoWorld:
         self._tick = 0
         self._lights: tuple[str, ...] = ()
         self._frozen_signals: dict[str, str] | None = None
+        self._cyclists = frozenset(one.id for one in scenario.background.vehicles if one.kind == "cyclist")
 
     def __enter__(self) -> Self:
         if libsumo.isLoaded():
@@ -145,6 +150,8 @@ class SumoWorld:
             driven = self._read_actors()
             if offsets := self._traffic.lane_change_offsets:
                 apply_offsets(driven, offsets)
+            self._traffic.show_parked(driven)
+            self._shift_cyclists(driven)
             self._last = driven.merge(replayed)
             return build_frozen(WorldState, self._last, self._read_signals())
         except libsumo.TraCIException as error:
@@ -211,6 +218,16 @@ class SumoWorld:
         fronts = list(map(_position, ids, repeat(False)))
         return place_actors(self._template, fronts, list(map(_angle, ids)), list(map(_speed, ids)))
 
+    def _shift_cyclists(self, driven: Actors) -> None:
+        """Put cyclists who ride on lanes for cars at the kerb side, in place: SUMO has them in the middle."""
+        for name in self._cyclists.intersection(driven.ids):
+            lane = self._roads.lanes.get(libsumo.vehicle.getLaneID(name))
+            if lane is not None:
+                i = driven.ids.index(name)
+                cos, sin = portable.cos_sin(driven.yaw[i])
+                driven.x[i] += sin * KERB_SHIFT_M
+                driven.y[i] -= cos * KERB_SHIFT_M
+
     def _build_template(self, present: Sequence[str]) -> Actors:
         """Return the background vehicles in SUMO (ids without a colon) with dimensions, without poses."""
         ids = tuple(sorted(i for i in present if ":" not in i))
@@ -219,9 +236,8 @@ class SumoWorld:
                 self._dimensions_by_vehicle[new] = (libsumo.vehicle.getLength(new), libsumo.vehicle.getWidth(new))
         size = np.array([self._dimensions_by_vehicle[i] for i in ids]).reshape(-1, 2)
         zeros = np.zeros(len(ids))
-        return Actors(
-            ids, np.full(len(ids), Kind.VEHICLE, dtype=np.uint8), zeros, zeros, zeros, zeros, size[:, 0], size[:, 1]
-        )
+        kinds = [Kind.CYCLIST if name in self._cyclists else Kind.VEHICLE for name in ids]
+        return Actors(ids, np.array(kinds, dtype=np.uint8), zeros, zeros, zeros, zeros, size[:, 0], size[:, 1])
 
     def _read_signals(self) -> Mapping[str, str]:
         if self._frozen_signals is not None:
