@@ -2,13 +2,12 @@
 
 import math
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
-from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.worlds.traffic.lane_walk import draw_lane_chain, find_entries, list_edges
+from mdrive_sumo.worlds.traffic.lane_walk import draw_way, find_entries
 from mdrive_sumo.worlds.traffic.occupancy import TakenGround, build_lane_box
 from mdrive_sumo.worlds.traffic.traffic_demand import TrafficDemand
 from mdrive_sumo.worlds.traffic.vehicle_classes import LARGE, LARGE_LANE_M, VEHICLE_CLASSES, build_vehicle
@@ -20,12 +19,25 @@ CRUISE_SHARE = 0.8
 STOP_DECEL, STOP_REACTION_S = 3.0, 1.2
 """[m/s2], [s] A vehicle starts so slowly that it can stop like this before the end of its lane: SUMO inserts none that
 cannot stop before a junction that it may have to wait at."""
+SUMO_GAP_M, SUMO_DECEL = 2.6, 4.5
+"""[m], [m/s2] Least gap of SUMO's drivers, a little more, and their braking."""
 QUEUE_GAP_M = (2.6, 4.0)
 """[m] Gaps of a queue that stands: SUMO's drivers stop 2.5 m behind each other; more of them is chosen."""
 QUEUE_END_M = (1.2, 2.5)
 """[m] Of the first vehicle of a queue from the end of its lane, the stop line."""
+KEPT_FREE_S = 8.0
+"""[s] Until then nothing enters where a stretch stays free: for an open door, longer than it takes to brake."""
 FIRST_FRONT_M = 0.6
 """[m] Free length behind a vehicle that enters: its rear is on the lane, as SUMO wants it."""
+
+
+STREET_MPS = 17.0
+"""[m/s] Lanes with a higher limit (60 km/h) are no streets: nothing parks, delivers or cycles on them."""
+
+
+def is_street(lane: Lane) -> bool:
+    """Return whether a lane is one of a street of a town, outside junctions."""
+    return not lane.junction and lane.speed_limit <= STREET_MPS
 
 
 def draw_class(demand: TrafficDemand, lane: Lane, rng: random.Random) -> str:
@@ -35,9 +47,12 @@ def draw_class(demand: TrafficDemand, lane: Lane, rng: random.Random) -> str:
     return rng.choices(list(demand.classes), weights)[0]
 
 
-def compute_start_speed(lane: Lane, to_end_m: float, top: float | None) -> float:
-    """Return the speed [m/s] of a vehicle at the start, from which it can stop before the end of its lane."""
-    room = max(to_end_m - 1.0, 0.0)
+def compute_start_speed(lane: Lane, room_m: float, top: float | None, ahead_mps: float = 0.0) -> float:
+    """Return the speed [m/s] of a vehicle at the start, from which it can stop before what is ahead.
+
+    room_m: to the end of its lane, or to the rear of the vehicle ahead, which drives at `ahead_mps`.
+    """
+    room = max(room_m - SUMO_GAP_M, 0.0) + ahead_mps * ahead_mps / (2 * SUMO_DECEL)
     braking = STOP_DECEL * (portable.hypot(STOP_REACTION_S, math.sqrt(2 * room / STOP_DECEL)) - STOP_REACTION_S)
     return round(max(min(CRUISE_SHARE * lane.speed_limit, braking, 0.95 * (top or math.inf)), 0.0), 2)
 
@@ -85,17 +100,20 @@ def _draw_stream(
     roads: RoadMap, lane: Lane, end: float, demand: TrafficDemand, taken: TakenGround, rng: random.Random
 ) -> Iterator[BackgroundVehicle]:
     """Return the vehicles that drive on a lane before `end` [m], from its end back."""
-    front = end - rng.random() * draw_headway(demand, rng) * CRUISE_SHARE * lane.speed_limit
+    cruise = CRUISE_SHARE * lane.speed_limit
+    front, rear_ahead, ahead_mps = end - rng.random() * draw_headway(demand, rng) * cruise, end, 0.0
     while True:
         name = draw_class(demand, lane, rng)
         kind = VEHICLE_CLASSES[name]
         if front < kind.length + FIRST_FRONT_M:
             return
-        speed = compute_start_speed(lane, end - front, kind.driving.max_speed)
+        to_end = compute_start_speed(lane, lane.centre.length - front, kind.driving.max_speed)
+        speed = min(to_end, compute_start_speed(lane, rear_ahead - front, None, ahead_mps))
         vehicle = _place(roads, lane, name, front, speed, demand, taken, rng)
         if vehicle is not None:
             yield vehicle
-        front -= kind.length + draw_headway(demand, rng) * CRUISE_SHARE * lane.speed_limit
+            rear_ahead, ahead_mps = front - kind.length, speed
+        front -= kind.length + draw_headway(demand, rng) * cruise
 
 
 def _place(
@@ -116,11 +134,14 @@ def _place(
     if not taken.is_free(box):
         return None
     taken.take(box)
-    edges = list_edges(roads, draw_lane_chain(roads, lane.id, demand.turn_shares, rng))
-    return build_vehicle(name, edges, depart_lane=lane.index, depart_pos_m=round(front, 2), depart_speed=speed)
+    way = draw_way(roads, lane.id, demand.turn_shares, rng)
+    fields = {"depart_lane": lane.index, "depart_pos_m": round(front, 2), "depart_speed": speed}
+    return build_vehicle(name, way.edges, keeps_lane=way.keeps_lane and is_street(lane), **fields)
 
 
-def draw_entering(roads: RoadMap, demand: TrafficDemand, rng: random.Random) -> Iterator[BackgroundVehicle]:
+def draw_entering(
+    roads: RoadMap, demand: TrafficDemand, taken: TakenGround, rng: random.Random
+) -> Iterator[BackgroundVehicle]:
     """Return the vehicles that enter at the ends of the network until `entry_s`."""
     for id_ in find_entries(roads):
         lane = roads.lanes[id_]
@@ -131,32 +152,18 @@ def draw_entering(roads: RoadMap, demand: TrafficDemand, rng: random.Random) -> 
             front = round(kind.length + FIRST_FRONT_M, 2)
             if front > lane.centre.length:
                 break
-            edges = list_edges(roads, draw_lane_chain(roads, id_, demand.turn_shares, rng))
+            if depart_s < KEPT_FREE_S and taken.is_kept_free(id_, 0.0, front):
+                depart_s += draw_headway(demand, rng)
+                continue
+            way = draw_way(roads, id_, demand.turn_shares, rng)
             speed = compute_start_speed(lane, lane.centre.length - front, kind.driving.max_speed)
             yield build_vehicle(
                 name,
-                edges,
+                way.edges,
                 depart_s=round(depart_s, 2),
                 depart_lane=lane.index,
                 depart_pos_m=front,
                 depart_speed=min(speed, round(0.6 * lane.speed_limit, 2)),
+                keeps_lane=way.keeps_lane and is_street(lane),
             )
             depart_s += draw_headway(demand, rng) + kind.length / 8.0
-
-
-def select_nearest(
-    roads: RoadMap, vehicles: Sequence[BackgroundVehicle], egos: Sequence[Ego], most: int
-) -> list[BackgroundVehicle]:
-    """Return at most `most` vehicles, in their order: those that start nearest to a CAV and earliest."""
-    if len(vehicles) <= most or not egos:
-        return list(vehicles[:most])
-    starts = [(ego.start.x, ego.start.y) for ego in egos]
-
-    def compute_remoteness(k: int) -> tuple[float, int]:
-        one = vehicles[k]
-        x, y = roads.lanes[f"{one.edges[0]}_{one.depart_lane}"].centre.at(one.depart_pos_m)
-        near = min(portable.hypot(x - x0, y - y0) for x0, y0 in starts)
-        return near + one.depart_s * 10.0, k  # a second later is like 10 m further: the mean speed in a town
-
-    kept = sorted(sorted(range(len(vehicles)), key=compute_remoteness)[:most])
-    return [vehicles[k] for k in kept]

@@ -4,7 +4,8 @@ import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from itertools import chain
+from itertools import pairwise
+from typing import NamedTuple
 
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.roads import Lane, RoadMap
@@ -77,6 +78,24 @@ def list_edges(roads: RoadMap, lanes: Sequence[str]) -> tuple[str, ...]:
     return tuple(edge for k, edge in enumerate(edges) if k == 0 or edge != edges[k - 1])
 
 
+def changes_lanes(roads: RoadMap, lanes: Sequence[str]) -> bool:
+    """Return whether a chain of lanes goes on from a lane beside another one."""
+    return any(after in (roads.lanes[here].left, roads.lanes[here].right) for here, after in pairwise(lanes))
+
+
+class Way(NamedTuple):
+    """A way through a network: its edges, and whether its lanes lead along them without a lane change."""
+
+    edges: tuple[str, ...]
+    keeps_lane: bool
+
+
+def draw_way(roads: RoadMap, first: str, turn_shares: Mapping[str, float], rng: random.Random) -> Way:
+    """Return the way of a vehicle that departs on a lane, see `draw_lane_chain`."""
+    lanes = draw_lane_chain(roads, first, turn_shares, rng)
+    return Way(list_edges(roads, lanes), not changes_lanes(roads, lanes))
+
+
 @lru_cache(maxsize=32)
 def find_predecessors(roads: RoadMap) -> Mapping[str, tuple[str, ...]]:
     """Return the ids of the lanes that lead to each lane, by its id."""
@@ -108,9 +127,3 @@ def walk_upstream(roads: RoadMap, lane: str, station: float, distance: float) ->
         yield id_, max(end - left, 0.0), end
         if left > end:
             ahead.extend((one, roads.lanes[one].centre.length, left - end) for one in before[id_])
-
-
-def list_beside(roads: RoadMap, lane: str) -> tuple[str, ...]:
-    """Return the lanes of the same direction directly beside a lane."""
-    one = roads.lanes[lane]
-    return tuple(chain.from_iterable([id_] for id_ in (one.left, one.right) if id_))

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Float, box_corners, boxes_corners, boxes_overlap
+from mdrive_sumo.core.geometry import Float, Polyline, box_corners, boxes_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion, PathMotion
@@ -67,9 +67,14 @@ def find_start_speed(actor: Actor) -> float:
 
 def build_lane_box(roads: RoadMap, lane: str, front: float, size: tuple[float, float]) -> Float:
     """Return the corners (4, 2) [m] of a vehicle whose front is at a station [m] of a lane, on the chord it drives."""
-    centre, (length, width) = roads.lanes[lane].centre, size
-    (x1, y1), (x0, y0) = centre.at(front), centre.at(max(front - length, 0.0))
-    yaw = centre.yaw_at(max(front - length / 2, 0.0))
+    return build_box_on(roads.lanes[lane].centre, front, size)
+
+
+def build_box_on(centre: Polyline, front: float, size: tuple[float, float]) -> Float:
+    """Return the same for any line."""
+    length, width = size
+    (x1, y1), (x0, y0) = centre.at(front), centre.at(front - length)
+    yaw = centre.yaw_at(min(max(front - length / 2, 0.0), centre.length))
     return boxes_corners(
         np.array((x0 + x1) / 2), np.array((y0 + y1) / 2), np.array(yaw), np.array(length), np.array(width)
     )

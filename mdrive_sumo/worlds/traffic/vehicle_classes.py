@@ -33,16 +33,9 @@ LARGE_LANE_M = 3.0
 
 
 def build_vehicle(class_name: str, edges: tuple[str, ...], **fields: object) -> BackgroundVehicle:
-    """Return a vehicle of a class without a final id; `fields`: departure and whatever else differs."""
-    kind = VEHICLE_CLASSES[class_name]
-    return BackgroundVehicle.model_validate(
-        {
-            "id": "bg",
-            "edges": edges,
-            "length": kind.length,
-            "width": kind.width,
-            "driving": kind.driving,
-            "depart_s": 0.0,
-            **fields,
-        }
-    )
+    """Return a vehicle of a class without a final id; `fields`: departure and whatever else differs.
+
+    A cyclist's model is no class: its fields hold its body."""
+    kind = VEHICLE_CLASSES.get(class_name, VEHICLE_CLASSES["car"])
+    body = {"length": kind.length, "width": kind.width, "driving": kind.driving}
+    return BackgroundVehicle.model_validate({"id": "bg", "edges": edges, "depart_s": 0.0, **body, **fields})
