@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.roads import Lane, RoadMap
 
@@ -19,6 +20,8 @@ STRAIGHT_RAD = math.radians(35)
 U_TURN_RAD = math.radians(145)
 MAX_LANES = 40
 """Longer routes go in circles (roundabouts)."""
+MOST_STEPS = 200_000
+"""The search takes up to 3 600 steps on packaged networks and drawn places; this many take some seconds."""
 OPPOSITE_RAD = math.radians(135)
 
 
@@ -47,7 +50,7 @@ class LaneRoute:
 @lru_cache(maxsize=32)
 def find_lane_routes(roads: RoadMap) -> tuple[LaneRoute, ...]:
     """Return all routes without a lane change, sorted by their lanes. They end where the network ends, not where a lane
-    does."""
+    does. Raises InputError for a network that is too large."""
     return tuple(_build_route(roads, chain) for chain in sorted(_find_complete_chains(roads)))
 
 
@@ -55,20 +58,22 @@ def find_lane_routes(roads: RoadMap) -> tuple[LaneRoute, ...]:
 def find_lane_change_routes(roads: RoadMap) -> tuple[LaneRoute, ...]:
     """Return all routes with exactly one lane change, including those from an acceleration lane."""
     found: set[tuple[tuple[str, ...], int]] = set()
+    steps = iter(range(MOST_STEPS))
     for start in _find_start_lanes(roads):
-        for chain in _extend_chain(roads, (start.id,)):
+        for chain in _extend_chain(roads, (start.id,), steps):
             for i, id_ in enumerate(chain):
                 lane = roads.lanes[id_]
                 for beside in (lane.left, lane.right):
                     if beside:
-                        ends = _extend_chain(roads, (*chain[: i + 1], beside))
+                        ends = _extend_chain(roads, (*chain[: i + 1], beside), steps)
                         found |= {(end, i) for end in ends if _is_complete(roads, end)}
     return tuple(_build_route(roads, chain, i) for chain, i in sorted(found))
 
 
 def _find_complete_chains(roads: RoadMap) -> Iterator[tuple[str, ...]]:
+    steps = iter(range(MOST_STEPS))
     for start in _find_start_lanes(roads):
-        for chain in _extend_chain(roads, (start.id,)):
+        for chain in _extend_chain(roads, (start.id,), steps):
             if _is_complete(roads, chain):
                 yield chain
 
@@ -84,15 +89,23 @@ def _is_complete(roads: RoadMap, chain: Sequence[str]) -> bool:
     return not any(lane.successors for lane in roads.driving if lane.edge == edge)
 
 
-def _extend_chain(roads: RoadMap, chain: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    """Return the chain with every possible continuation; no edge is entered twice."""
+def _extend_chain(roads: RoadMap, chain: tuple[str, ...], steps: Iterator[int]) -> Iterator[tuple[str, ...]]:
+    """Return the chain with every possible continuation; no edge is entered twice.
+
+    Raises InputError when `steps` are used up: the number of routes through a large network has no bound.
+    """
+    if next(steps, None) is None:
+        raise InputError(
+            f"network {roads.name}: expected a part of a town with few routes from boundary to boundary, found more"
+            f" than {MOST_STEPS} steps to search them; cut out a smaller part"
+        )
     lane = roads.lanes[chain[-1]]
     if not lane.successors:
         yield chain
     edges = {roads.lanes[id_].edge for id_ in chain}
     for after in lane.successors:
         if roads.lanes[after].edge not in edges and len(chain) < MAX_LANES:
-            yield from _extend_chain(roads, (*chain, after))
+            yield from _extend_chain(roads, (*chain, after), steps)
 
 
 def _build_route(roads: RoadMap, chain: tuple[str, ...], change_at: int = -1) -> LaneRoute:

@@ -11,7 +11,6 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import StopSignBox
@@ -20,6 +19,7 @@ from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, PathMotion, ReplayMotion
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scoring.metrics.stop_signs import CHECKED_AHEAD_M
+from mdrive_sumo.worlds.placement.occupancy import build_box
 
 ROAMING_M = 30.0
 """How far [m] a CAV gets from its route before it is ended for deviation (protocol 7.4)."""
@@ -130,8 +130,7 @@ def _sweep_routes(scenario: Scenario, beside_m: float = CAR.width / 2) -> BaseGe
 
 def _sweep(actor: Actor, roads: RoadMap) -> BaseGeometry:
     """Return the area that an actor covers on its way; of an actor that follows lanes, its start."""
-    pose = compute_first_pose(actor, roads)
-    box = shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, actor.length, actor.width))
+    box = build_box(compute_first_pose(actor, roads), actor.length, actor.width)
     match actor.motion:
         case PathMotion(points=points):
             way = np.array(points)

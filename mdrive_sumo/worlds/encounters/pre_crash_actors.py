@@ -29,7 +29,7 @@ from mdrive_sumo.worlds.encounters.route_actors import (
     WALKER,
     place_actors,
 )
-from mdrive_sumo.worlds.lane_routes import LaneRoute, find_lane_change_routes, find_lane_routes, locate_junction
+from mdrive_sumo.worlds.lane_routes import find_lane_change_routes, find_lane_routes, locate_junction
 from mdrive_sumo.worlds.placement.blind_driving import compute_arrival_s
 from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_crossing_actor, build_distance_trigger
 from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
@@ -117,8 +117,7 @@ def place_pre_crash_actors(
     movers = [actor for actor in proposed if _is_mover(actor)]
     made = {actor.actor_id: _build_mover(actor, drives[actor.affects_vehicle], egos) for actor in movers}
     for actor in vans:
-        there = (actor.affects_vehicle, actor.timing_phase)
-        hidden = [made[a.actor_id] for a in movers if (a.affects_vehicle, a.timing_phase) == there]
+        hidden = [made[mover.actor_id] for mover in movers if mover.place == actor.place]
         made[actor.actor_id] = _build_van(actor, drives[actor.affects_vehicle], hidden[0] if hidden else None, egos)
     others = [actor for actor in proposed if actor.actor_id not in made]
     return (*made.values(), *place_actors(others, egos, roads, rng))
@@ -134,10 +133,6 @@ def _is_mover(actor: ProposedActor) -> bool:
         known = _is_single_at(actor, "center", "half_right", "left_edge", "offroad_right")
         return known and actor.direction_relative_to == "same"
     return actor.motion == "cross_perpendicular" and actor.quantity == 1
-
-
-def _build_mover(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
-    return _build_car(actor, drive, egos) if actor.kind == "npc_vehicle" else _build_crosser(actor, drive)
 
 
 def _build_van(actor: ProposedActor, drive: _CavRoute, hidden: Actor | None, egos: Mapping[str, Ego]) -> Actor:
@@ -199,7 +194,9 @@ def _build_trigger(drive: _CavRoute, place: Pose, station: float, needed_s: floa
     return build_distance_trigger(drive.ego, portable.hypot(here.x - place.x, here.y - place.y))
 
 
-def _build_car(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
+def _build_mover(actor: ProposedActor, drive: _CavRoute, egos: Mapping[str, Ego]) -> Actor:
+    if actor.kind != "npc_vehicle":
+        return _build_crosser(actor, drive)
     if actor.lateral_position == "left_edge":
         return _build_waiting_vehicle(actor, drive, egos)
     if actor.lateral_position == "half_right":
@@ -227,15 +224,10 @@ def _build_waiting_vehicle(actor: ProposedActor, drive: _CavRoute, egos: Mapping
     raise InputError(f"actor {actor.actor_id}: expected room to wait in the junction, found none")
 
 
-def _build_lane_drive(roads: RoadMap, way: LaneRoute, start: float) -> Ego:
-    """Return lanes and start of a drive from there to the end of the route."""
-    return build_spawned_cav(roads, "car", way, SpawnPoint(start, build_way_line(roads, way, 0.5).last_m - RIM_M), 0.5)
-
-
 def _build_leading_vehicle(actor: ProposedActor, drive: _CavRoute) -> Actor:
     """Return a vehicle ahead on the CAV's route that, if erratic, brakes hard in the junction."""
     start = drive.start + LEAD_M
-    ahead = _build_lane_drive(drive.roads, drive.way, start)
+    ahead = build_spawned_cav(drive.roads, "car", drive.way, SpawnPoint(start, drive.line.last_m - RIM_M), 0.5)
     if actor.speed != "erratic":
         return _build_vehicle(actor, ahead.start, motion=LaneMotion(lanes=ahead.lanes, speed=DRIVE_MPS[actor.speed]))
     at_s = round(compute_arrival_s(drive.line, start, drive.exit - 4.0), 2)

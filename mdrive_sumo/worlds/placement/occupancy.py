@@ -52,6 +52,12 @@ def build_start_area(egos: Sequence[Ego], radius_m: float) -> shapely.Polygon | 
     return shapely.MultiPoint([(ego.start.x, ego.start.y) for ego in egos]).buffer(radius_m)
 
 
+def select_lanes_near(lanes: Iterable[Lane], egos: Sequence[Ego], radius_m: float) -> list[Lane]:
+    """Return the lanes that come within a distance [m] of the start of a CAV."""
+    area = build_start_area(egos, radius_m)
+    return [lane for lane in lanes if area.intersects(shapely.LineString(lane.centre.xy))]
+
+
 def overlaps_building(box: shapely.Polygon, roads: RoadMap) -> bool:
     """Return whether a box stands in a building."""
     return any(box.intersects(building) for building in roads.building_shapes)

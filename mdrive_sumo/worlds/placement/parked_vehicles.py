@@ -4,14 +4,12 @@ import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import shapely
-
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_actor, build_parked_vehicle
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_lane_pose, compute_pose, find_lane_start
-from mdrive_sumo.worlds.placement.occupancy import build_start_area
+from mdrive_sumo.worlds.placement.occupancy import select_lanes_near
 
 KERB_ROW_M = 2.8
 """[m] From the centre of the rightmost lane to that of the parking lane beside it: half of 3.3 m and half of 2.3 m."""
@@ -23,7 +21,6 @@ WALK_GAP_M = 0.32
 """[m] From the side of a crossing pedestrian's path to the parked vehicle that hides it."""
 SHORT_ROW_M = 8.0
 """[m] A shorter kerb has no place for a parked vehicle and its gaps."""
-
 LANE_END_M = 6.0
 """[m] No drawn vehicle parks nearer to the end of a lane."""
 PARKED_NEAR_M = 70.0
@@ -121,13 +118,9 @@ def _cut_out(begin: float, end: float, taken: Sequence[tuple[float, float]]) -> 
 
 def build_parked_vehicles(roads: RoadMap, egos: Sequence[Ego], count: int, rng: random.Random) -> Iterator[Actor]:
     """Return vehicles parked at the right edge of the road near the CAVs, mostly beside the lane."""
-    area = build_start_area(egos, PARKED_NEAR_M)
-    lanes = [
-        lane
-        for lane in roads.driving
-        if not (lane.junction or lane.right) and area.intersects(shapely.LineString(lane.centre.xy))
-    ]
-    lanes = [lane for lane in lanes if lane.centre.length > 2 * LANE_END_M + 9.0]
+    kerbs = [lane for lane in roads.driving if not (lane.junction or lane.right)]
+    long = [lane for lane in kerbs if lane.centre.length > 2 * LANE_END_M + SHORT_ROW_M + 1.0]
+    lanes = select_lanes_near(long, egos, PARKED_NEAR_M)
     for number in range(count if lanes else 0):
         lane = rng.choices(lanes, [lane.centre.length for lane in lanes])[0]
         yield _build_parked_vehicle(lane, f"parked_{number}", rng)

@@ -18,7 +18,14 @@ from mdrive_sumo.worlds.placement.background_vehicles import (
     number_vehicles,
 )
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES
-from mdrive_sumo.worlds.placement.occupancy import CAR, Occupancy, build_box_behind, build_occupancy, build_start_area
+from mdrive_sumo.worlds.placement.occupancy import (
+    CAR,
+    Occupancy,
+    build_box_behind,
+    build_occupancy,
+    build_start_area,
+    select_lanes_near,
+)
 
 START_NEAR_CAV_M = 75.0
 """[m] Vehicles start within this distance of a CAV."""
@@ -121,8 +128,7 @@ def _build_present(
     count, is_jammed, top = wanted
     area = None if is_jammed else build_start_area(egos, START_NEAR_CAV_M)
     lanes = [roads.lanes[name] for name in find_continuations(roads)]
-    if area is not None:
-        lanes = [lane for lane in lanes if area.intersects(shapely.LineString(lane.centre.xy))]
+    lanes = lanes if is_jammed else select_lanes_near(lanes, egos, START_NEAR_CAV_M)
     drawn = (_draw_place(lanes, area, JAM_M if is_jammed else FREE_M, taken, rng) for _ in range(count if lanes else 0))
     for place in [place for place in drawn if place is not None]:  # all have their places before any has a speed
         gap = min(

@@ -1,8 +1,12 @@
 """Lane routes and features of networks."""
 
+from collections.abc import Callable
+
 import pytest
 
-from mdrive_sumo.roads import list_packaged_networks, load_road_map
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
+from mdrive_sumo.worlds import lane_routes
 from mdrive_sumo.worlds.lane_routes import find_lane_change_routes, find_lane_routes
 from mdrive_sumo.worlds.network_features import Topology, extract_features
 
@@ -32,3 +36,14 @@ def test_ways_lead_from_rim_to_rim_on_connected_lanes(name: str) -> None:
             assert beside == (i == way.change_index)
             assert beside or there in lane.successors
         assert not roads.lanes[way.lanes[-1]].successors
+
+
+@pytest.mark.parametrize("find", [find_lane_routes, find_lane_change_routes])
+def test_a_network_with_too_many_routes_is_refused_before_the_search_runs_for_ever(
+    find: Callable[[RoadMap], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lane_routes, "MOST_STEPS", 40)
+    roads = load_road_map(list_packaged_networks()["train_town"])
+    find.cache_clear()  # type: ignore[attr-defined]
+    with pytest.raises(InputError, match=r"network train_town: expected a part of a town .* cut out a smaller part"):
+        find(roads)
