@@ -15,7 +15,7 @@ from mdrive_sumo.worlds.places.waiting_areas import build_waiting_areas
 
 SHORTER = (1.0, 0.75, 0.5)
 """Shares of the length that a building has where the whole of it does not fit."""
-STEP_M = 3.0
+STEP_M = 1.5
 """[m] By so much a building that does not fit moves along its street."""
 APART_M = 0.4
 """[m] Least distance between two things."""
@@ -80,15 +80,17 @@ def _add_row(
     land: where nothing may stand, and what stands on the rest.
     """
     kind, rows = row
-    line = shapely.LineString(street.line)
+    is_outward = _begins_at_junction(draft, street)
+    line = shapely.LineString(street.line if is_outward else street.line[::-1])
     half = measure_half_widths(draft, street)[0 if side > 0 else 1]
+    left = side if is_outward else -side
     station = rng.uniform(0.0, rows.gap_m[1] / 2)
     while station < line.length - 1.0:
         length, depth = rng.uniform(*rows.size_m), rng.uniform(*rows.depth_m)
         near, is_built = half + rng.uniform(*rows.setback_m), rng.random() < rows.share
         last = station + length
         while is_built and station < last:
-            outline = _fit_outline(line, (station, length), (side * near, side * (near + depth)), land)
+            outline = _fit_outline(line, (station, length), (left * near, left * (near + depth)), land)
             if outline is not None:
                 land[1].add(shapely.Polygon(outline))
                 if kind == "house":
@@ -98,6 +100,11 @@ def _add_row(
                 break
             station += STEP_M
         station += length + rng.uniform(*rows.gap_m)
+
+
+def _begins_at_junction(draft: NetworkDraft, street: Street) -> bool:
+    """Return whether a row of a street starts at its begin, so that the first house stands at a corner."""
+    return any(node.id == street.begin and node.type for node in draft.nodes)
 
 
 def _fit_outline(

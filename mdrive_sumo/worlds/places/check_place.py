@@ -7,10 +7,11 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.input_files import read_bytes
-from mdrive_sumo.core.portable import square
 from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.worlds.places.place import PLACE_FILE
 from mdrive_sumo.worlds.places.sight_triangles import EYE_M, compute_leg
 
 LEAST_LANE_M = 2.0
@@ -32,9 +33,10 @@ ROUNDING_M = 3.0
 rules."""
 EYE_SEARCH_M = 30.0
 """[m] Beyond the stop line, which netconvert places where the rounding of the corner begins."""
+ROAD_WIDTH_M, PARALLEL = 16.0, 0.94
+"""[m] Lanes whose ends are closer than that, and whose directions differ by 20 deg or less (cosine), are one road."""
 POSTS = "tree"
 """Trunks may stand in sight triangles, as lamp posts may (RASt 06, 6.3.9.3): they hide no vehicle for long."""
-PLACE_FILE = "place.json"
 
 
 def check_place(roads: RoadMap) -> list[str]:
@@ -132,7 +134,7 @@ def _check_sight(roads: RoadMap) -> Iterator[str]:
     tree = shapely.STRtree([shapely.Polygon(wall.polygon) for wall in walls])
     for waiting, other in _list_conflicts(roads):
         eye = _find_eye(roads, waiting, other)
-        to_crossing_m = float(np.sqrt((square(eye - other.centre.xy[-1])).sum()))  # the leg begins where roads cross
+        to_crossing_m = _measure_distance(eye, other.centre.xy[-1])  # the leg begins where roads cross
         leg_m = compute_leg(other.speed_limit) - to_crossing_m
         stations = np.arange(0.5, min(leg_m, other.centre.length) - ROUNDING_M, 5.0)
         line = shapely.LineString(other.centre.xy[::-1])
@@ -145,12 +147,32 @@ def _check_sight(roads: RoadMap) -> Iterator[str]:
 
 def _find_eye(roads: RoadMap, waiting: Lane, other: Lane) -> Float:
     """Return where the eyes of a driver who waits are: straight on from the stop line, 3 m from the road of `other`."""
-    beside = [lane for lane in roads.driving if lane.edge == other.edge]
-    onward = other.centre.xy[-1] + EYE_SEARCH_M * _get_direction(other)
-    road = shapely.LineString((other.centre.xy[-1], onward)).buffer(sum(lane.width for lane in beside) / 2)
     end, ahead = waiting.centre.xy[-1], _get_direction(waiting)
+    begin, across = other.centre.xy[-1], _get_direction(other)
+    beside = [lane for lane in roads.driving if not lane.junction and _runs_beside(lane, begin, across)]
+    strips = [
+        shapely.LineString((point, point + EYE_SEARCH_M * across)).buffer(lane.width / 2)
+        for lane in (other, *beside)
+        for point in (lane.centre.xy[-1], lane.centre.xy[0])
+        if _measure_distance(point, begin) < ROAD_WIDTH_M
+    ]
+    road = shapely.union_all(strips)
     points = (end + ahead * station for station in np.arange(0.0, EYE_SEARCH_M, 0.5))
     return next((point for point in points if road.distance(shapely.Point(point)) <= EYE_M), end)
+
+
+def _runs_beside(lane: Lane, end: Float, direction: Float) -> bool:
+    """Return whether a lane belongs to the road of a lane that ends at `end` in a direction: either way."""
+    first, last = lane.centre.xy[0], lane.centre.xy[-1]
+    if _measure_distance(last, end) < ROAD_WIDTH_M:
+        return bool(portable.dot(_get_direction(lane), direction) > PARALLEL)
+    outward = lane.centre.xy[1] - first
+    is_opposite = portable.dot(outward, direction) < -PARALLEL * _measure_distance(lane.centre.xy[1], first)
+    return bool(is_opposite) and _measure_distance(first, end) < ROAD_WIDTH_M
+
+
+def _measure_distance(point: Float, other: Float) -> float:
+    return float(portable.hypot(float(point[0] - other[0]), float(point[1] - other[1])))
 
 
 def _keeps_sight(roads: RoadMap) -> bool:
@@ -196,4 +218,4 @@ def _comes_from_right(waiting: Lane, other: Lane) -> bool:
 def _get_direction(lane: Lane) -> Float:
     (before, end) = next(reversed([*pairwise(lane.centre.xy)]))
     step = end - before
-    return step / np.sqrt((step * step).sum())
+    return step / portable.hypot(float(step[0]), float(step[1]))

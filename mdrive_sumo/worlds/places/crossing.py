@@ -26,7 +26,7 @@ ANGLES_DEG = {3: (0.0, 90.0, 180.0), 4: (0.0, 90.0, 180.0, 270.0), 5: (0.0, 68.0
 MAIN = (0, 2)
 CYCLE_M, PARKING_M = 1.85, 2.0
 """[m] Widths of a cycle lane with its line (ERA 2010) and of a parking lane (RASt 06)."""
-SHARP_M = 9.0
+SHARP_M = 14.0
 """[m] A corner that is sharper than a right angle gets so much more radius for each radian (found by `check_place`)."""
 JITTER_DEG = 6.0
 """[deg] Largest deviation of an arm from its direction, beside the skew."""
@@ -49,14 +49,14 @@ def _weigh_controls(drawn: Drawn) -> tuple[float, ...]:
 
 def _weigh_speeds(drawn: Drawn) -> tuple[float, ...]:
     by_area = {
-        "old_town": (1.0, 0.0, 0.0, 0.0),
+        "old_town": (0.6, 0.4, 0.0, 0.0),
         "town": (1.0, 3.0, 0.0, 0.0),
         "suburb": (2.0, 1.0, 0.0, 0.0),
         "commercial": (0.0, 3.0, 1.0, 0.0),
         "country": (0.0, 0.0, 1.0, 3.0),
     }
     # German law: right before left in zones of 30 km/h (StVO § 45 1c), elsewhere where signs are not worth it.
-    return (1.0, 0.2, 0.0, 0.0) if drawn["control"] == "right_before_left" else by_area[drawn["area"]]
+    return (1.0, 0.25, 0.0, 0.0) if drawn["control"] == "right_before_left" else by_area[drawn["area"]]
 
 
 def _weigh_main_lanes(drawn: Drawn) -> tuple[float, ...]:
@@ -141,7 +141,7 @@ def build_crossing(draft: NetworkDraft, parameters: CrossingParameters, rng: ran
 
 def _choose_radius(parameters: CrossingParameters, arms: Sequence[Arm]) -> float:
     """Return the radius [m] of corners; RASt 06 has 6 to 10 m for cars, RAL 12 m and more outside of towns."""
-    base_m = {"old_town": 6.5, "town": 6.5, "suburb": 6.5, "commercial": 8.0, "country": 12.0}[parameters.area]
+    base_m = {"old_town": 5.5, "town": 6.5, "suburb": 6.5, "commercial": 8.0, "country": 12.0}[parameters.area]
     sharpest = min(math.pi - abs(compute_turn(arm, other)) for arm in arms for other in arms if other is not arm)
     return round(base_m + max(math.pi / 2 - sharpest, 0.0) * SHARP_M, 1)
 

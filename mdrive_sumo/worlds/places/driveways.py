@@ -25,7 +25,7 @@ STALL_M = (5.0, 2.5)
 """[m] Length and width of a stall at right angles to its aisle (EAR 05, table 4.2-2)."""
 AISLE_M = 6.5
 """[m] Width of an aisle for both directions; EAR 05 has 6.0 m or more."""
-AISLE_SPACING_M = AISLE_M + 2 * STALL_M[0] + 7.5
+AISLE_SPACING_M = AISLE_M + 2 * STALL_M[0] + 8.0
 """[m] With a planted strip between two rows, which leaves room for the curves of cars at the end of an aisle."""
 AISLE_SPEED, DRIVEWAY_SPEED = 2.78, 2.78
 """[m/s] Walking speed to 10 km/h, as on car parks."""

@@ -26,9 +26,8 @@ LANE_M = 3.5
 STOP_BOX_M = 5.0
 """[m] Length of the box of a stop sign, as on the other packaged networks."""
 NODES, EDGES, CONNECTIONS, PROGRAMS = "plain.nod.xml", "plain.edg.xml", "plain.con.xml", "plain.tll.xml"
-NO_PARKING_M = 16.0
-"""[m] From the centre of a junction: half of a street of two lanes, its corner, and the 5 m that German law keeps free
-before and behind crossings (StVO § 12)."""
+NO_PARKING_M = 5.0
+"""[m] Kept free before and behind the corners of junctions, and before zebra crossings (StVO § 12)."""
 END_M = 3.0
 """[m] Kept free at the end of a street that has no junction there."""
 LEAST_ROW_M = 8.0
@@ -186,9 +185,8 @@ class NetworkDraft:
 
     def _build_parking_rows(self) -> Iterator[ParkingRow]:
         """Return the row of each parking lane, in driving direction, without the parts beside junctions."""
-        junctions = {node.id for node in self.nodes if node.type}
         for street in self.streets:
-            free = [NO_PARKING_M if node in junctions else END_M for node in (street.begin, street.end)]
+            free = [self._measure_no_parking(node) for node in (street.begin, street.end)]
             for sign, count, name in zip((-1, 1), street.lanes, street.edge_ids, strict=True):
                 if not (street.parking_m and count and measure_line(street.line) > sum(free) + LEAST_ROW_M):
                     continue
@@ -196,6 +194,16 @@ class NetworkDraft:
                 points = cut_line(offset_line(street.line, sign * offset_m), *free)
                 row = _round_outline(points if sign < 0 else points[::-1])
                 yield ParkingRow(id=f"{name}_parking", line=row, width_m=street.parking_m)
+
+    def _measure_no_parking(self, name: str) -> float:
+        """Return the distance [m] from a node within which parking is forbidden."""
+        node = next(node for node in self.nodes if node.id == name)
+        if not node.type:
+            return END_M
+        streets = [street for street in self.streets if name in (street.begin, street.end)]
+        half_m = max(max(street.lanes) * self.lane_m + street.beside_m for street in streets)
+        is_crossed = any(crossing == name for crossing, _ in self.crossings)
+        return half_m + node.radius + NO_PARKING_M + (ZEBRA_M if is_crossed else 0.0)
 
     def _list_paved_areas(self) -> Iterator[Float]:
         """Return the outlines of parking and cycle lanes, which pictures do not show otherwise, and of other areas."""

@@ -13,6 +13,8 @@ from mdrive_sumo.worlds.places.place_parameters import (
     hash_words,
 )
 
+PLACE_FILE = "place.json"
+"""File of a place's folder that says what it was drawn from."""
 NAME_BYTES = 4
 """Bytes of the checksum in a place's name: two of a thousand places share a name once in 8 600 draws of a thousand."""
 

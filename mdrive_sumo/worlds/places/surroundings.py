@@ -49,8 +49,8 @@ SURROUNDINGS: Mapping[str, Surroundings] = {
             ObstacleRow("house", HouseRows((0.5, 1.2), (0.5, 2.5), (7.0, 18.0), (8.0, 13.0), 0.95)),
             ObstacleRow("wall", WALL),
         ),
-        1.5,
-        3.25,
+        1.2,
+        3.0,
         0.4,
     ),
     # Closed or half-open development with a narrow strip in front.

@@ -21,7 +21,7 @@ from mdrive_sumo.worlds.places.surroundings import SURROUNDINGS
 AREAS = ("old_town", "town", "suburb")
 SHIFT_M = 6.0
 """[m] Largest shift of a junction from the grid in each direction."""
-RADIUS_M = 7.0
+RADIUS_M = 8.0
 """[m] Of corners; RASt 06 has 6 to 10 m for cars."""
 PARKING_M = 2.0
 OUTER_ARM = 0.75
