@@ -64,9 +64,24 @@ def _make_plug_in_command(name: str, reader: ReaderPlugIn) -> click.Command:
     metavar="SUITE",
     help="How faithful a suite of converted logs is.",
 )
-@click.option("--json", "as_json", is_flag=True, help="With --summary: all figures as JSON.")
+@click.option(
+    "--realism",
+    "judged",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="SUITE",
+    help="How likely the logs of a suite are under its traffic, and under SUMO's defaults; repeat it for more suites.",
+)
+@click.option(
+    "--rollouts",
+    type=click.IntRange(1, 64),
+    default=8,
+    show_default=True,
+    help="With --realism: simulations of each log, each with another seed.",
+)
+@click.option("--json", "as_json", is_flag=True, help="With --summary or --realism: all figures as JSON.")
 @click.pass_context
-def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
+def convert(ctx: click.Context, suite: Path | None, judged: tuple[Path, ...], rollouts: int, as_json: bool) -> None:
     """Turn recordings and foreign scenario files into suites.
 
     network makes a network of your own map, for scenarios that you write.
@@ -78,19 +93,35 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
     Exit codes: 0 every scenario meets the thresholds, 1 some do not (listed; the suite is written all the same),
     2 unusable input (nothing of it is written), 130 interrupted.
     """
-    if suite is None and ctx.invoked_subcommand is None:
+    if suite is None and not judged and ctx.invoked_subcommand is None:
         echo(ctx.get_help())
         ctx.exit(0)
-    if suite is None:
+    if suite is None and not judged:
         return
+    if suite is not None and judged:
+        raise InputError("--summary: expected no --realism beside it: one report a call")
     if ctx.invoked_subcommand is not None:
-        raise InputError(f"--summary: expected no source beside it, found {ctx.invoked_subcommand}")
+        option = "--realism" if suite is None else "--summary"
+        raise InputError(f"{option}: expected no source beside it, found {ctx.invoked_subcommand}")
+    if suite is None:
+        _show_realism(judged, rollouts, as_json)
+        ctx.exit(0)
     from real2sim.pipeline.quality_file import load_qualities
     from real2sim.pipeline.suite_summary import format_summary, summarize_suite
 
     summary = summarize_suite(load_qualities(suite))
     echo(summary.model_dump_json(indent=1) if as_json else format_summary(summary))
     ctx.exit(0 if summary.all.passed else 1)
+
+
+def _show_realism(suites: tuple[Path, ...], rollouts: int, as_json: bool) -> None:
+    from mdrive_sumo.scenario.suite import load_suite
+    from real2sim.traffic_fidelity.realism_report import dump_realism, format_realism
+    from real2sim.traffic_fidelity.traffic_realism import load_logged_scenarios, measure_realism
+
+    logs = [log for suite in suites for log in load_logged_scenarios(load_suite(str(suite)))]
+    table = measure_realism(logs, rollouts, lambda name: echo(name, err=True))
+    echo(dump_realism(table) if as_json else format_realism(table))
 
 
 convert.add_command(mdrive)

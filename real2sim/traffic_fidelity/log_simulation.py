@@ -1,7 +1,7 @@
 """Runs the scenario of a log in SUMO while everything that SUMO does not drive follows its logged poses."""
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -143,23 +143,35 @@ def simulate_log(
     scenario: Scenario, roads: RoadMap, tracks: Mapping[str, RecordedTrack], dt_s: float
 ) -> SimulatedTraffic:
     """Run the scenario until the log ends. `tracks`: by id in the scenario; CAVs follow theirs."""
-    from mdrive_sumo.sumo import SumoWorld  # only here: the process that starts the workers never simulates
-
     frames = len(next(iter(tracks.values())).valid)
     cavs = {ego.id: build_track_path(tracks[ego.id], dt_s) for ego in scenario.egos}
-    ticks = round((frames - 1) * dt_s / DT) + 1
-    actors = build_scripted_actors(scenario, ticks)
     sizes = {ego.id: median_size(tracks[ego.id]) for ego in scenario.egos}
     seen: dict[str, list[tuple[float, float, float, float]]] = {}
-    with SumoWorld(scenario, roads, sizes, 0) as world:
-        for tick in range(ticks):
-            time = tick * DT
-            egos, scripted = place_egos(cavs, time), actors.at(tick)
-            around = world.advance(egos, scripted, ()) if tick else world.start(egos, scripted)
-            now = around.actors
-            for name, x, y, yaw in zip(now.ids, now.x.tolist(), now.y.tolist(), now.yaw.tolist(), strict=True):
-                seen.setdefault(name, []).append((time, x, y, yaw))
+    for tick, now in enumerate(run_beside_log(scenario, roads, cavs, sizes, round((frames - 1) * dt_s / DT) + 1)):
+        for name, x, y, yaw in zip(now.ids, now.x.tolist(), now.y.tolist(), now.yaw.tolist(), strict=True):
+            seen.setdefault(name, []).append((tick * DT, x, y, yaw))
     return SimulatedTraffic({name: _resample(np.array(rows), frames, dt_s) for name, rows in seen.items()})
+
+
+def run_beside_log(
+    scenario: Scenario,
+    roads: RoadMap,
+    cavs: Mapping[str, TimedPath],
+    sizes: Mapping[str, tuple[float, float]],
+    ticks: int,
+    seed: int = 0,
+) -> Iterator[Actors]:
+    """Return SUMO's vehicles tick by tick while CAVs and scripted actors repeat the log.
+
+    `sizes`: length and width [m] of the CAVs. Needs the process's only SUMO simulation.
+    """
+    from mdrive_sumo.sumo import SumoWorld  # only here: the process that starts the workers never simulates
+
+    actors = build_scripted_actors(scenario, ticks)
+    with SumoWorld(scenario, roads, sizes, seed) as world:
+        for tick in range(ticks):
+            egos, scripted = place_egos(cavs, tick * DT), actors.at(tick)
+            yield (world.advance(egos, scripted, ()) if tick else world.start(egos, scripted)).actors
 
 
 def _resample(rows: Float, frames: int, dt_s: float) -> Float:
