@@ -47,7 +47,12 @@ _STREETS = tuple(
 _JUNCTION_STREET = {
     lanes: _choose("corridor", junctions=1, lanes=lanes, signals="none", has_bus_stops=False) for lanes in (1, 2)
 }
-_ROUNDABOUTS = tuple(map(_choose, ("large_roundabout", "roundabout")))  # packaged: no kind of place has a ring yet
+_ROUNDABOUTS = tuple(
+    _choose("roundabout", arms=arms, lanes=1, radius_m=radius_m, bend=bend)
+    for arms, radius_m in ((3, 14.0), (4, 15.0), (4, 17.0))
+    for bend in (0.4, 0.8)
+)
+"""Small ones: three quarters of a ring fit into the 112 m of the paper's routes, whose CAVs turn by 296 deg."""
 _RULES = ("right_before_left", "priority", "stop", "all_way_stop")
 """Controls of a crossing without signals."""
 CHOICES: Final[Mapping[tuple[Topology, bool, bool], Sequence[PlaceChoice]]] = {

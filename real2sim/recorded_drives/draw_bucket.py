@@ -37,8 +37,11 @@ from real2sim.recorded_drives.recording_site import draw_sites
 COUNT = 67
 SHARES = {2: 54, 1: 13}
 """Number of the 67 scenarios by number of CAVs; 1.81 CAVs per scenario (paper: 1.80)."""
-DRIVES_PER_SCENARIO = 5.0
-"""Half of the drives stop at a red light, some are not solvable, and the means must match."""
+DRIVES_PER_SCENARIO = 8.0
+"""Half of the drives stop at a red light; in half of the others a road user stands longer than in the log, or a CAV
+cannot arrive; and the means must match."""
+POOL_FACTOR = 1.6
+"""Scenarios in the pool per scenario that is kept."""
 LIMIT_S = 600.0
 R = TypeVar("R")
 
@@ -120,17 +123,17 @@ def _read_outcome(value: Any) -> RecordingOutcome | None:
 def _write_selection(request: BucketRequest, outcomes: Sequence[RecordingOutcome], wanted: Mapping[str, int]) -> None:
     """Select among the converted scenarios and write the sealed suite.
 
-    Scenarios that would fail `mdrive-sumo validate` are dropped; if enough remain, also those in which `omniscient` has
-    an infraction.
+    Scenarios that would fail `mdrive-sumo validate` are dropped. Those come first that miss no target of the
+    conversion and in which `omniscient` has no infraction; others fill the pool.
     """
     pool: list[SelectionItem] = []
     for group, count in wanted.items():
         sound = [one for one in outcomes if one.item.group == group and not one.problems]
         if len(sound) < count:
             raise InputError(f"v2xpnp: expected {count} sound scenarios with {group} CAVs, found {len(sound)}")
-        solved = [one for one in sound if one.omniscient_ds == FULL_SCORE]
-        rest = [one for one in sound if one not in solved]
-        pool += [one.item for one in (*solved, *rest[: max(count - len(solved), 0)])]
+        clean = [one for one in sound if not one.misses and one.omniscient_ds == FULL_SCORE]
+        rest = [one for one in sound if one not in clean]
+        pool += [one.item for one in (*clean, *rest[: max(math.ceil(POOL_FACTOR * count) - len(clean), 0)])]
     paper = PAPER["v2xpnp"]
     means = (None, paper.mean_route_m, paper.mean_heading_change_deg, paper.mean_actors)
     rng = random.Random(request.seed.derive("selection", "v2xpnp"))

@@ -29,6 +29,9 @@ OCCLUSION_CATEGORIES: Final = frozenset((Category.PRE_CRASH, Category.CROSSWALK)
 POOL_FACTORS: Final = {"interdrive": 6, "interaction": 3}
 """Scenarios in the pool per scenario that is kept. InterDrive's means are those of all its groups."""
 
+CATEGORY_POOL_FACTORS: Final = {Category.ROUNDABOUT: 6}
+"""On drawn rings CAVs turn by 230 deg on average, the paper's by 296: the selection takes the upper part."""
+
 
 @dataclass(frozen=True, slots=True)
 class SeasonGroup:
@@ -48,7 +51,7 @@ class SeasonGroup:
     @property
     def pool_size(self) -> int:
         """Return the number of valid scenarios among which the group's are selected."""
-        return POOL_FACTORS[self.bucket] * self.count
+        return CATEGORY_POOL_FACTORS.get(self.category, POOL_FACTORS[self.bucket]) * self.count
 
     @property
     def must_be_occluded(self) -> bool:
