@@ -82,14 +82,31 @@ def _shift_together(
     for share in SHRINKS:
         shift_m = min(max([share * drawn_m, *(least for least, _ in ranges)]), *(most for _, most in ranges))
         shifted = tuple(shift_start(ego, shift_m, roads) for ego in scenario.egos)
-        boxes = [_build_box(ego.start) for ego in shifted]
-        if not any(
-            _is_blocked(ego.start, [*others, *boxes[:i], *boxes[i + 1 :]], bounds)
-            for i, ego in enumerate(shifted)
-            if ego is not scenario.egos[i]
-        ):
+        if shifted == scenario.egos or not _is_any_in_the_way(scenario.egos, shifted, others, bounds):
             return shifted
     return scenario.egos
+
+
+def _is_any_in_the_way(
+    egos: Sequence[Ego], shifted: Sequence[Ego], others: Sequence[shapely.Polygon], bounds: StartBounds
+) -> bool:
+    """Return whether a start is not free, or something is on the way between the written start and that one."""
+    boxes = [_build_box(ego.start) for ego in shifted]
+    return any(
+        _is_blocked(new.start, [*others, *boxes[:i], *boxes[i + 1 :]], bounds)
+        or any(shapely.intersects(_build_sweep(ego, new), box) for box in others)
+        for i, (ego, new) in enumerate(zip(egos, shifted, strict=True))
+    )
+
+
+def _build_sweep(ego: Ego, shifted: Ego) -> shapely.Polygon:
+    """Return what a CAV covers between the written start and the shifted one."""
+    there, here = Polyline(ego.xy), Polyline(shifted.xy)
+    longer, gap_m = (
+        (here, here.length - there.length) if here.length > there.length else (there, there.length - here.length)
+    )
+    stations = np.linspace(0.0, gap_m, max(math.ceil(gap_m), 1) + 1).tolist()
+    return shapely.LineString([longer.at(s) for s in stations]).buffer(CAR.width / 2)
 
 
 def _vary_speed(speed: float, uniform: float, bounds: StartBounds) -> float:

@@ -5,11 +5,12 @@ import math
 import pytest
 
 from mdrive_sumo.core.geometry import Polyline
-from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import BackgroundVehicle, Schedule
 from mdrive_sumo.scenario.checks import check_scenario
-from mdrive_sumo.scenario.scenario import Ego, Scenario
-from mdrive_sumo.scenario.scripted_actor import DistanceTrigger, PathMotion, ReplayMotion, StandingMotion
+from mdrive_sumo.scenario.scenario import CommonStartShift, Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, PathMotion, ReplayMotion, StandingMotion
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.start_variation import FRONT_M
 from mdrive_sumo.scenario.suite import Suite, load_suite
@@ -207,3 +208,55 @@ def test_a_lane_change_of_a_log_is_not_cut_off(whole: Suite) -> None:
         found = vary_scenario(busy, roads, seed).background.vehicles[0].schedule
         assert found is not None
         assert found.progress[0][1] < 1.0
+
+
+def shifted(scenario: Scenario, back_m: float, ahead_m: float) -> Scenario:
+    return scenario.model_copy(update={"start_shift": CommonStartShift(back_m=back_m, ahead_m=ahead_m)})
+
+
+def find_shifts(scenario: Scenario, written: Scenario) -> list[float]:
+    """How much longer [m] the way of each CAV to its goal is than the written one."""
+    lengths = [[float(Polyline(ego.xy).length) for ego in one.egos] for one in (scenario, written)]
+    return [there - here for there, here in zip(*lengths, strict=True)]
+
+
+def test_all_cavs_start_further_back_or_ahead_together(whole: Suite) -> None:
+    (written,) = whole.select("i19_ins_sr_minor_road")
+    roads = load_road_map(find_network_folder(written.network))
+    wide = shifted(written, 12.0, 8.0)
+    common: list[float] = []
+    for seed in range(1, 21):
+        shifts = find_shifts(vary_scenario(wide, roads, seed), written)
+        assert max(shifts) - min(shifts) < 2 * BOUNDS.start.shift_m + 0.1
+        assert -8.0 - BOUNDS.start.shift_m - 0.1 < min(shifts)
+        assert max(shifts) < 12.0 + BOUNDS.start.shift_m + 0.1
+        check_scenario(vary_scenario(wide, roads, seed), roads)
+        common.append(sum(shifts) / len(shifts))
+    assert min(common) < -6.0 and max(common) > 9.0
+    assert vary_scenario(wide, roads, 0).egos == written.egos
+
+
+def test_without_a_common_shift_starts_are_those_of_before(whole: Suite) -> None:
+    (written,) = whole.select("i19_ins_sr_minor_road")
+    roads = load_road_map(find_network_folder(written.network))
+    assert "start_shift" not in written.model_dump_json()
+    none = shifted(written, 0.0, 0.0)
+    assert vary_scenario(none, roads, 3).egos == vary_scenario(written, roads, 3).egos
+
+
+def test_a_common_shift_that_would_hit_something_is_smaller_for_all(whole: Suite) -> None:
+    (written,) = whole.select("i19_ins_sr_minor_road")
+    roads = load_road_map(find_network_folder(written.network))
+    behind = written.egos[0].start
+    wall = Actor(
+        id="wall",
+        kind="static",
+        length=1.0,
+        width=1.0,
+        start=Pose(x=behind.x - 5.5 * math.cos(behind.yaw), y=behind.y - 5.5 * math.sin(behind.yaw), yaw=behind.yaw),
+    )
+    walled = shifted(written.model_copy(update={"actors": (wall,)}), 15.0, 0.0)
+    for seed in range(1, 21):
+        varied = vary_scenario(walled, roads, seed)
+        assert not list(find_spawn_overlaps(varied, roads))
+        assert max(find_shifts(varied, written)) < 3.0 * 2
