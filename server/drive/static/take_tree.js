@@ -2,7 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const ROW_PX = 30;
-const LABEL_PX = 190; // room for words behind the longest line
+const LETTER_PX = 6.4; // room for words behind the longest line: for each letter of the longest, at most half of the window
 const MARGIN_PX = 12;
 const MOST_NAMED = 3; // stretches whose drivers are named one by one
 const NOBODY = ""; // the driver of a CAV that its person has left
@@ -20,7 +20,8 @@ class TakeTree {
     Object.assign(this, { takes, chosen, current, cav });
     const width = Math.max(300, $("tree-scroll").clientWidth - 4);
     this.lastTick = Math.max(200, ...takes.map(({ end_tick, tick }) => Math.max(end_tick, tick)));
-    this.span = width - 2 * MARGIN_PX - LABEL_PX;
+    const letters = Math.max(0, ...takes.map((take) => describeTake(take, cav).join(" · ").length));
+    this.span = width - 2 * MARGIN_PX - Math.min(letters * LETTER_PX + MARGIN_PX, width / 2);
     this.svg.setAttribute("width", width);
     this.svg.setAttribute("height", orderTakes(takes).length * ROW_PX);
     const rows = new Map(orderTakes(takes).map((take, row) => [take.number, row]));
@@ -121,10 +122,10 @@ function nameDrivers(take, cav) {
   return `${[...new Set(driven)].join(" and ")}, ${driven.length} stretches`;
 }
 
-/** "score 75.0 (all CAVs 87.5)": that of the own CAV, and the mean of all where it differs. */
+/** "score 75.0 (all 87.5)": that of the own CAV, and the mean of all where it differs. */
 function describeScore({ score, ds }, cav) {
   const own = ds?.[cav] ?? score;
-  const all = Math.abs(own - score) < 0.05 ? "" : ` (all CAVs ${score.toFixed(1)})`;
+  const all = Math.abs(own - score) < 0.05 ? "" : ` (all ${score.toFixed(1)})`;
   return `score ${own.toFixed(1)}${all}`;
 }
 

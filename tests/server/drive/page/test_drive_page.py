@@ -101,7 +101,7 @@ def test_the_tree_tells_who_drove_which_stretch(opened: Opened) -> None:
     row = {"parent": None, "tick": 0, "drivers": {"ego_0": "human", "ego_1": "sharing"}, "ds": {}, "folder": ""}
     often = [{**changes[0], "tick": tick, "driver": ("human", "sharing")[tick % 2]} for tick in range(1, 9)]
     ended = {**row, "status": "finished", "end_tick": 900}
-    first = {**ended, "number": 1, "left_tick": 600, "score": 50.0, "changes": changes}
+    first = {**ended, "number": 1, "left_tick": 600, "score": 50.0, "changes": changes, "ds": {"ego_0": 0}}
     second = {**ended, "number": 2, "left_tick": None, "score": 60.0, "changes": often}
     third = {**row, "number": 3, "status": "running", "end_tick": 0, "left_tick": None, "score": None, "changes": []}
     server = opened(takes=[first, second, third])
@@ -117,6 +117,8 @@ def test_the_tree_tells_who_drove_which_stretch(opened: Opened) -> None:
     assert page.evaluate(f"{lines}.map((one) => one.dataset.driver)") == ["human", "sharing", "human", ""]
     told = page.evaluate(f"{lines}.map((one) => one.textContent)")
     assert told == ["you, 0:00.0 to 0:15.0", "sharing, 0:15.0 to 0:25.0", "you, 0:25.0 to 0:30.0", "left at 0:30.0"]
+    beyond = "document.querySelector('#tree text').getBBox(), Number($('tree').getAttribute('width'))"
+    assert page.evaluate(f"(({{x, width}}, room) => room - x - width)({beyond})") > 0, "the words are not cut off"
     ends = page.evaluate(f"{lines}.map((one) => [one.getAttribute('x1'), one.getAttribute('x2')].map(Number))")
     assert [one[1] for one in ends[:-1]] == [one[0] for one in ends[1:]]
 
@@ -216,7 +218,7 @@ def test_the_end_has_scores_and_commands(opened: Opened) -> None:
     ):
         assert text in card
     assert page.text_content("#clock") == "arrived"
-    assert "score 75.0 (all CAVs 87.5)" in page.inner_text("#shown-take")
+    assert "score 75.0 (all 87.5)" in page.inner_text("#shown-take")
     assert page.evaluate(CONTRAST)["below"] == []
 
 
