@@ -86,6 +86,10 @@ bench: install ## measure, print tables, write bench.json
 	$(BIN)/python tests/bench/store.py sqlite
 	$(BIN)/python tests/bench/server.py --workers 2
 	$(BIN)/python tests/bench/submission.py
+	$(BIN)/python tests/bench/drive.py
+	$(BIN)/python tests/bench/drive_latency.py --delay 0 --delay 150
+	$(BIN)/python tests/bench/view_3d.py
+	$(BIN)/python tests/bench/saved_states.py
 
 platforms: install ## the same digests with other processor features and the oldest NumPy
 	mkdir -p build

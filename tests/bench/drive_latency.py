@@ -2,8 +2,9 @@
 
 A scripted driver presses and releases pedals and steering keys while the car drives. A key's time goes from the event's
 own time stamp until the picture with it is drawn to its end; what browser and screen add to show it is not in it. Rows
-differ in the added delay of a proxy between browser and server, half of it each way. Without a GPU Chromium draws with
-SwiftShader, on the cores that the simulation needs as well.
+differ in the added delay of a proxy between browser and server, half of it each way. Without a GPU Chromium draws WebGL
+with SwiftShader, on the cores that the simulation needs as well, and pages in software, as it does where people have no
+graphics card.
 """
 
 import asyncio
@@ -24,7 +25,7 @@ import click
 from playwright.sync_api import sync_playwright
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from testing.chromium import CHROMIUM, list_gl_flags, wait_until
+from testing.chromium import CHROMIUM, list_fallback_flags, list_gl_flags, wait_until
 from testing.drive_command import KeyDriver, run_drive
 
 MEASURE = """() => {
@@ -143,10 +144,14 @@ def measure(browser: Any, link: str, delay_ms: float, presses: int, view: str) -
 @click.option("--delay", "delays", multiple=True, type=float, default=(0.0, 150.0, 300.0), show_default=True)
 def main(scenario: str, view: tuple[str, ...], gpu: bool, presses: int, delays: tuple[float, ...]) -> None:
     """Measure key to picture and pictures a second."""
+    if CHROMIUM is None:
+        click.echo("skipped: it needs Chromium")
+        return
     load = f"load {os.getloadavg()[0]:.1f} at the start"
     click.echo(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {load}; 1280x720")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list_gl_flags(gpu))
+        flags = list_gl_flags(gpu) if gpu else list_fallback_flags()
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=flags)
         for name, delay_ms in product(view, delays):
             with tempfile.TemporaryDirectory() as folder, run_drive(scenario, "--out", f"{folder}/drive") as command:
                 measure(browser, next(iter(command.links.values())), delay_ms, presses, name)

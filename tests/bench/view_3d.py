@@ -162,6 +162,9 @@ def main(
     gpu: bool,
 ) -> None:
     """Measure frames per second in each mode."""
+    if CHROMIUM is None:
+        click.echo("skipped: it needs Chromium")
+        return
     width, height = map(int, size.split("x"))
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         path = Path(folder) / "view.html"

@@ -42,6 +42,15 @@ def list_gl_flags(gpu: bool = False) -> list[str]:
     return [flag for flag in list_flags() if flag != "--disable-gpu"] + drawer.split()
 
 
+def list_fallback_flags() -> list[str]:
+    """Return the flags with which Chromium draws as it does by itself without a graphics card.
+
+    SwiftShader draws WebGL, and nothing else. With `list_gl_flags` it draws the page as well: single flushes of that
+    hold up the GPU process, and so the next picture, for 1 to 1.3 s (a trace of the driving page on two busy cores).
+    """
+    return [flag for flag in list_gl_flags() if "--use-angle" not in flag] + ["--use-angle=swiftshader-webgl"]
+
+
 def open_quietly(browser: Any, address: str, size: tuple[int, int] = (1280, 720)) -> Iterator[Any]:
     """Yield a fresh tab with a page; at the end, nothing may have been fetched or complained about."""
     tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
