@@ -8,12 +8,11 @@ import shapely
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float, box_corners
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego, Scenario
-from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion, PathMotion, PositionTrigger, ReplayMotion
-from mdrive_sumo.vehicle import dynamics
+from mdrive_sumo.scenario.start_boxes import CAR, MIN_PATH_M, build_box, build_user_box, compute_first_pose
 
 OFF_LANE_M = 4.0
 """A route point further than this from all lanes of its route is off the map; a lane change needs half a lane."""
@@ -23,9 +22,6 @@ OFF_MAP_M = 500.0
 """An actor further than this from the map's lanes belongs to another map; parking places lie beside the road."""
 TOUCHING_M2 = 0.01
 """[m2] A smaller overlap of two boxes is rounding: files give positions to 1 mm and angles to 0.1 mrad."""
-MIN_PATH_M = 0.1
-"""A path with all points within this distance [m] of its first is invalid."""
-CAR = dynamics.MKZ_2017
 
 
 def check_scenario(scenario: Scenario, roads: RoadMap) -> None:
@@ -140,31 +136,8 @@ def find_start_overlaps(actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> It
     near = [ego for ego in egos if portable.hypot(ego.start.x - pose.x, ego.start.y - pose.y) <= reach]
     if not near:
         return
-    box = _build_box(pose, actor.length, actor.width)
+    box = build_box(pose, actor.length, actor.width)
     for ego in near:
-        area = float(shapely.intersection(box, _build_box(ego.start, CAR.length, CAR.width)).area)
+        area = float(shapely.intersection(box, build_user_box(ego)).area)
         if area > TOUCHING_M2:
             yield ego.id, area
-
-
-def compute_first_pose(actor: Actor, roads: RoadMap) -> Pose:
-    """Return the pose at which a motion begins, heading along it; it may lie beside the actor's `start`."""
-    start = actor.start
-    match actor.motion:
-        case PathMotion(points=way):
-            x, y = way[0]
-            ahead = next((point for point in way if portable.distance(point, way[0]) > MIN_PATH_M), None)
-            return Pose(x=x, y=y, yaw=portable.atan2(ahead[1] - y, ahead[0] - x) if ahead else start.yaw)
-        case LaneMotion(lanes=lanes):
-            centre = roads.lanes[lanes[0]].centre
-            yaw = centre.yaw_at(min(max(centre.project(start.x, start.y)[0], 0.0), centre.length))
-            return Pose(x=start.x, y=start.y, yaw=yaw)
-        case ReplayMotion(poses=poses):
-            _, x, y, yaw = poses[0]
-            return Pose(x=x, y=y, yaw=yaw)
-        case _:
-            return start
-
-
-def _build_box(pose: Pose, length: float, width: float) -> shapely.Polygon:
-    return shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, length, width))

@@ -12,14 +12,14 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Polyline, box_corners, wrap_angle
+from mdrive_sumo.core.geometry import Polyline, wrap_angle
 from mdrive_sumo.core.seeding import draw_uniforms
 from mdrive_sumo.roads import Lane, RoadMap
-from mdrive_sumo.scenario.background import BackgroundVehicle
-from mdrive_sumo.scenario.checks import CAR, TOUCHING_M2, compute_first_pose
+from mdrive_sumo.scenario.checks import TOUCHING_M2
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import ReplayMotion
+from mdrive_sumo.scenario.start_boxes import CAR, build_box, build_user_box, compute_first_pose, find_departure_pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +58,14 @@ def vary_starts(
     """
     others = list(_iterate_boxes(scenario, roads))
     egos = _shift_together(scenario, roads, seed, bounds, others)
-    starts = {ego.id: _build_box(ego.start) for ego in egos}
+    starts = {ego.id: build_user_box(ego) for ego in egos}
     varied: list[Ego] = []
     for ego in egos:
         drawn = draw_uniforms(seed, "variation", scenario.id, "cav", ego.id)
         shift_m = bounds.shift_m * (2.0 * drawn[0] - 1.0) + ego.start_speed * log_trim_s
         blockers = [*others, *(box for name, box in starts.items() if name != ego.id)]
         shifted = _find_free_start(ego, shift_m, roads, bounds, blockers)
-        starts[ego.id] = _build_box(shifted.start)
+        starts[ego.id] = build_user_box(shifted)
         varied.append(shifted.model_copy(update={"start_speed": _vary_speed(ego.start_speed, drawn[1], bounds)}))
     return tuple(varied)
 
@@ -91,7 +91,7 @@ def _is_any_in_the_way(
     egos: Sequence[Ego], shifted: Sequence[Ego], others: Sequence[shapely.Polygon], bounds: StartBounds
 ) -> bool:
     """Return whether a start is not free, or something is on the way between the written start and that one."""
-    boxes = [_build_box(ego.start) for ego in shifted]
+    boxes = [build_user_box(ego) for ego in shifted]
     return any(
         _is_blocked(new.start, [*others, *boxes[:i], *boxes[i + 1 :]], bounds)
         or any(shapely.intersects(_build_sweep(ego, new), box) for box in others)
@@ -128,7 +128,7 @@ def _find_free_start(
 
 
 def _is_blocked(start: Pose, blockers: Sequence[shapely.Polygon], bounds: StartBounds) -> bool:
-    room = _build_box(start, 2.0 * bounds.gap_m)
+    room = build_box(start, CAR.length + 2.0 * bounds.gap_m, CAR.width)
     return any(float(shapely.intersection(room, box).area) > TOUCHING_M2 for box in blockers)
 
 
@@ -188,42 +188,8 @@ def _iterate_boxes(scenario: Scenario, roads: RoadMap) -> Iterator[shapely.Polyg
     """Yield the boxes of scripted actors and background vehicles that are there in frame 0."""
     for actor in scenario.actors:
         if not (isinstance(actor.motion, ReplayMotion) and actor.motion.poses[0][0] > 0.0 and actor.trigger is None):
-            yield _build_box(compute_first_pose(actor, roads), size=(actor.length, actor.width))
+            yield build_box(compute_first_pose(actor, roads), actor.length, actor.width)
     for vehicle in scenario.background.vehicles:
-        pose = _find_departure_pose(vehicle, roads) if vehicle.depart_s == 0.0 else None
+        pose = find_departure_pose(vehicle, roads) if vehicle.depart_s == 0.0 else None
         if pose is not None:
-            yield _build_box(pose, size=(vehicle.length, vehicle.width))
-
-
-def _find_departure_pose(vehicle: BackgroundVehicle, roads: RoadMap) -> Pose | None:
-    """Return the box centre of a vehicle at its departure; None if its lane is not on the network."""
-    if vehicle.log:
-        _, x, y, yaw = vehicle.log[0]
-        return Pose(x=x, y=y, yaw=yaw)
-    lane = roads.lanes.get(f"{vehicle.edges[0]}_{vehicle.depart_lane}")
-    ahead = vehicle.depart_pos_m + (vehicle.schedule.progress[0][1] if vehicle.schedule else 0.0)
-    while lane is not None and ahead > lane.centre.length:
-        following = [roads.lanes[name] for name in lane.successors if _leads_to(roads, name, vehicle.edges)]
-        if not following:
-            break
-        lane, ahead = following[0], ahead - lane.centre.length
-    if lane is None:
-        return None
-    (x, y), yaw = lane.centre.at(ahead - vehicle.length / 2), lane.centre.yaw_at(ahead)
-    offset = vehicle.parked.offset_m if vehicle.parked else 0.0
-    return Pose(x=x - portable.sin(yaw) * offset, y=y + portable.cos(yaw) * offset, yaw=yaw)
-
-
-def _leads_to(roads: RoadMap, name: str, edges: Sequence[str]) -> bool:
-    """Return whether a lane lies on one of the edges, or leads there through a junction."""
-    passed: set[str] = set()
-    while roads.lanes[name].junction and name not in passed:
-        passed.add(name)
-        name = next(iter(roads.lanes[name].successors), name)
-    return roads.lanes[name].edge in edges
-
-
-def _build_box(
-    pose: Pose, longer_m: float = 0.0, size: tuple[float, float] = (CAR.length, CAR.width)
-) -> shapely.Polygon:
-    return shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, size[0] + longer_m, size[1]))
+            yield build_box(pose, vehicle.length, vehicle.width)

@@ -14,8 +14,9 @@ from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, StandingMotion
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
+from mdrive_sumo.scenario.start_boxes import build_user_box
 from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
-from mdrive_sumo.worlds.placement.occupancy import build_user_box, overlaps_building
+from mdrive_sumo.worlds.placement.occupancy import overlaps_building
 from mdrive_sumo.worlds.streams.lane_flows import TrafficFlow, build_flows
 
 BUCKET = "Hard"

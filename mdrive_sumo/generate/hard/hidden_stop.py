@@ -15,10 +15,10 @@ from mdrive_sumo.generate.hard.family import (
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
+from mdrive_sumo.scenario.start_boxes import CAR
 from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_driving_actor, build_rider
 from mdrive_sumo.worlds.placement.cavs import Platoon
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose
-from mdrive_sumo.worlds.placement.occupancy import CAR
 from mdrive_sumo.worlds.streams.lane_flows import CARS, MIXED, TrafficFlow
 
 NETWORK = "hard_motorway_bend"

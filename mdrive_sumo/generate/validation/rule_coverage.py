@@ -14,12 +14,11 @@ from shapely.geometry.base import BaseGeometry
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import StopSignBox
-from mdrive_sumo.scenario.checks import CAR, compute_first_pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, PathMotion, ReplayMotion
+from mdrive_sumo.scenario.start_boxes import CAR, build_box, compute_first_pose
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scoring.metrics.stop_signs import CHECKED_AHEAD_M
-from mdrive_sumo.worlds.placement.occupancy import build_box
 
 ROAMING_M = 30.0
 """How far [m] a CAV gets from its route before it is ended for deviation (protocol 7.4)."""

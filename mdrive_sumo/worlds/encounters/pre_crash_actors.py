@@ -22,6 +22,7 @@ from mdrive_sumo.scenario.scripted_actor import (
     StartMotion,
     TimeTrigger,
 )
+from mdrive_sumo.scenario.start_boxes import build_user_box
 from mdrive_sumo.worlds.encounters.crossing_users import CYCLING_MPS, WALKING_MPS
 from mdrive_sumo.worlds.encounters.proposed_actor import Lateral, ProposedActor
 from mdrive_sumo.worlds.encounters.route_actors import (
@@ -34,7 +35,7 @@ from mdrive_sumo.worlds.placement.blind_driving import compute_arrival_s
 from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_crossing_actor, build_distance_trigger
 from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
 from mdrive_sumo.worlds.placement.lane_chains import build_pose, build_way_line
-from mdrive_sumo.worlds.placement.occupancy import build_user_box, overlaps_building
+from mdrive_sumo.worlds.placement.occupancy import overlaps_building
 from mdrive_sumo.worlds.placement.spawn_points import RIM_M
 
 VAN, CAR = BODIES["parked-van"], BODIES["car"]

@@ -9,8 +9,8 @@ from mdrive_sumo.agents.sensorless import CONSTANT_SPEED
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_curve_speeds
+from mdrive_sumo.scenario.start_boxes import CAR
 from mdrive_sumo.worlds.placement.lane_chains import RouteLine
-from mdrive_sumo.worlds.placement.occupancy import CAR
 
 BLIND_SPEED, BLIND_ACCELERATION = 8.0, 2.5
 """[m/s], [m/s2] Parameters of `constant-speed` (protocol 14.2)."""

@@ -10,6 +10,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap, Route, build_lane_route
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.start_boxes import CAR
 from mdrive_sumo.worlds.lane_routes import LaneRoute
 from mdrive_sumo.worlds.placement.lane_chains import (
     Lanes,
@@ -19,7 +20,6 @@ from mdrive_sumo.worlds.placement.lane_chains import (
     compute_lane_begins,
     select_lanes,
 )
-from mdrive_sumo.worlds.placement.occupancy import CAR
 
 LEAST_ROUTE_M = 10.0
 LEAST_GAP_M = 3.0

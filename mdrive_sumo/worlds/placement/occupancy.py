@@ -9,11 +9,9 @@ from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.vehicle import dynamics
+from mdrive_sumo.scenario.start_boxes import build_user_box
 
-CAR = dynamics.MKZ_2017
 FAR_M = 100.0
 """[m] Longer gaps along a lane count as this."""
 
@@ -21,17 +19,6 @@ BESIDE_ROUTE_M = 1.45
 """[m] Least distance of a parked vehicle from the centre line of any CAV's route."""
 CLEAR_START_M = 6.0
 """[m] Added to the length of a CAV at its start: nothing is placed there."""
-
-
-def build_box(pose: Pose, length: float, width: float) -> shapely.Polygon:
-    """Return a box [m] as a polygon."""
-    return shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, length, width))
-
-
-def build_user_box(user: Ego | Actor, longer_m: float = 0.0) -> shapely.Polygon:
-    """Return the box of a CAV or scripted actor at the start, `longer_m` longer."""
-    length, width = (user.length, user.width) if isinstance(user, Actor) else (CAR.length, CAR.width)
-    return build_box(user.start, length + longer_m, width)
 
 
 def build_box_behind(lane: Lane, front_m: float, size: tuple[float, float]) -> shapely.Polygon:

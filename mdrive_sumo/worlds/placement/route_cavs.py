@@ -10,6 +10,7 @@ import shapely
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.start_boxes import build_user_box
 from mdrive_sumo.worlds.lane_routes import locate_junction
 from mdrive_sumo.worlds.placement.cavs import NoRoomError, SpawnPoint, build_spawned_cav
 from mdrive_sumo.worlds.placement.lane_chains import (
@@ -17,7 +18,6 @@ from mdrive_sumo.worlds.placement.lane_chains import (
     build_way_line,
     find_conflict_stations,
 )
-from mdrive_sumo.worlds.placement.occupancy import build_user_box
 from mdrive_sumo.worlds.placement.spawn_points import (
     RIM_M,
     RUN_OUT_M,

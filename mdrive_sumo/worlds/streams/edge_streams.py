@@ -10,6 +10,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.start_boxes import build_box, build_user_box
 from mdrive_sumo.worlds.placement.background_vehicles import (
     build_background_vehicle,
     find_next_edges,
@@ -17,7 +18,6 @@ from mdrive_sumo.worlds.placement.background_vehicles import (
 )
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, space_vehicles
 from mdrive_sumo.worlds.placement.lane_chains import compute_pose
-from mdrive_sumo.worlds.placement.occupancy import build_box, build_user_box
 
 MOVING_GAP_M = (16.0, 40.0)
 """[m] Gaps between vehicles that are on the road at the start and drive."""

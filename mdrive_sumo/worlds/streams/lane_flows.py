@@ -11,6 +11,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion, PathMotion
+from mdrive_sumo.scenario.start_boxes import build_box, build_user_box
 from mdrive_sumo.worlds.placement.background_vehicles import (
     FAST_DRIVING,
     build_background_vehicle,
@@ -19,7 +20,6 @@ from mdrive_sumo.worlds.placement.background_vehicles import (
 )
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_pose
-from mdrive_sumo.worlds.placement.occupancy import build_box, build_user_box
 
 DEPART_SHARE = 0.8
 """Speed at departure as a share of the limit: SUMO draws the desired speeds of its drivers from 0.8 to 1.2 of it and

@@ -10,6 +10,7 @@ from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.start_boxes import CAR
 from mdrive_sumo.worlds.lane_routes import find_lane_routes
 from mdrive_sumo.worlds.placement.background_vehicles import (
     DRIVING,
@@ -19,7 +20,6 @@ from mdrive_sumo.worlds.placement.background_vehicles import (
 )
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES
 from mdrive_sumo.worlds.placement.occupancy import (
-    CAR,
     Occupancy,
     build_box_behind,
     build_occupancy,
