@@ -7,7 +7,6 @@ from itertools import pairwise
 
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.worlds.places.alignment import draw_bends, trace_axis
-from mdrive_sumo.worlds.places.draft_edge import DraftEdge
 from mdrive_sumo.worlds.places.frontage import Roadside, build_box, find_kerb, list_sight_triangles
 from mdrive_sumo.worlds.places.network_draft import NetworkDraft
 from mdrive_sumo.worlds.places.place import PlaceKind
@@ -15,11 +14,10 @@ from mdrive_sumo.worlds.places.place_parameters import between, choose
 from mdrive_sumo.worlds.places.street_houses import HouseRows
 from mdrive_sumo.worlds.places.street_parking import (
     BUS_STOP_M,
-    CORNER_M,
-    ZEBRA_M,
-    Closure,
     add_bus_stop,
     add_parking,
+    add_tree,
+    close_ends,
     pave_cycle_lane,
 )
 from mdrive_sumo.worlds.places.street_spine import (
@@ -31,6 +29,7 @@ from mdrive_sumo.worlds.places.street_spine import (
     StreetSection,
     build_spine,
     compute_arm_heading,
+    list_signal_arguments,
 )
 
 FRONTAGES = {
@@ -47,7 +46,6 @@ END_M = (60.0, 90.0)
 """[m] Range of the street before its first and after its last junction; chosen: cars reach the limit in it."""
 STOP_BEHIND_M = 28.0
 """[m] From the centre of a junction to that of the bus stop behind it; chosen."""
-TREE_M = 0.5
 SHELTER_M = (4.0, 1.5)
 
 
@@ -79,7 +77,7 @@ def build_corridor(draft: NetworkDraft, parameters: CorridorParameters, rng: ran
     joints = _draw_joints(parameters, axis, stations, rng)
     plan = SpinePlan(axis, _build_section(parameters), tuple(joints), parameters.limit_kmh / 3.6)
     spine = build_spine(draft, plan)
-    draft.netconvert = ("--tls.cycle.time", str(rng.choice((60, 70, 80, 90))), "--walkingareas", "true")
+    draft.netconvert = (*list_signal_arguments(rng.choice((60, 70, 80, 90))), "--walkingareas", "true")
     roadside = Roadside(draft)
     if parameters.keeps_sight:
         roadside.clear += list_sight_triangles(spine, parameters.limit_kmh)
@@ -127,7 +125,8 @@ def _draw_joints(
 
 def _draw_junction(parameters: CorridorParameters, axis: Polyline, k: int, station: float, rng: random.Random) -> Joint:
     has_signals = parameters.signals == "all" or (parameters.signals == "some" and rng.random() < 0.5)
-    sides = (1, -1) if has_signals or rng.random() < 0.35 else (rng.choice((1, -1)),)
+    is_crossing = has_signals or (parameters.lanes == 1 and rng.random() < 0.35)  # four lanes are crossed with signals
+    sides = (1, -1) if is_crossing else (rng.choice((1, -1)),)
     type_, sign = _draw_control(parameters, has_signals, rng)
     arms: list[SideArm] = []
     for side in sides:
@@ -168,12 +167,6 @@ def _furnish_kerbs(roadside: Roadside, spine: Spine, parameters: CorridorParamet
         pave_cycle_lane(draft, edge)
 
 
-def add_tree(draft: NetworkDraft, edge: DraftEdge, station: float) -> None:
-    """Add the trunk of a tree on the parking lane of an edge, between two rows."""
-    index = next(i for i, lane in enumerate(edge.lanes) if lane.use == "park")
-    draft.obstacles.append(("tree", build_box(edge.line, station, -edge.find_centre(index), TREE_M, TREE_M)))
-
-
 def _choose_bus_stops(spine: Spine, rng: random.Random) -> dict[str, float]:
     """Return the station [m] of a bus stop by edge: one in each direction, behind a junction."""
     stops: dict[str, float] = {}
@@ -182,17 +175,6 @@ def _choose_bus_stops(spine: Spine, rng: random.Random) -> dict[str, float]:
         if long:
             stops[rng.choice(long).id] = STOP_BEHIND_M
     return stops
-
-
-def close_ends(spine: Spine, edge: DraftEdge) -> list[Closure]:
-    """Return where parking is forbidden on an edge: at its junctions and zebra crossings."""
-    reach = {"begin": 3.0, "end": 3.0}
-    for joint in spine.plan.joints:
-        half = max((arm.half.width_m for arm in joint.arms), default=0.0)
-        crossing = 3.5 if {"before", "after"} & set(joint.zebras) else 0.0
-        reach[joint.id] = half + joint.radius + CORNER_M + crossing if joint.arms else crossing + ZEBRA_M
-    length = edge.line.length
-    return [Closure(0.0, reach.get(edge.begin, 0.0)), Closure(length - reach.get(edge.end, 0.0), length)]
 
 
 CORRIDOR = PlaceKind(

@@ -25,8 +25,15 @@ EYE_SETBACK_M = 3.0
 SIGHT_MARGIN_M = 2.0
 """[m] Beside the lines of sight to the axis: half of a lane, since vehicles do not drive on the axis."""
 LEAST_HOUSE_M = 5.0
+NEXT_TRY_M = 4.0
+"""[m] How much further along a row the next house is tried where one does not fit; chosen."""
 LEAST_AREA_M2 = 0.05
 CLEARANCE_M = 0.3
+VERGE_M = (1.5, 3.0)
+"""[m] Range between the edge of a road in the country and a hedge (RAL 2012: 1.50 m of verge)."""
+HEDGE_M = 1.5
+HEDGED_M = (40.0, 130.0)
+"""[m] Range of the length of a hedge along a road; chosen."""
 
 
 @dataclass(eq=False)
@@ -76,17 +83,26 @@ class Roadside:
         while station < kerb.length - LEAST_HOUSE_M:
             length = min(rng.uniform(*rows.size_m), kerb.length - station)
             depth, setback = rng.uniform(*rows.depth_m), rng.uniform(*rows.setback_m)
-            if rng.random() < rows.share:
-                self.add(
-                    "house", build_block(kerb, station, length, setback, depth), min(setback, rows.setback_m[0]) * 0.8
-                )
-            station += length + rng.uniform(*rows.gap_m)
+            outline = build_block(kerb, station, length, setback, depth)
+            if rng.random() >= rows.share or self.add("house", outline, rows.setback_m[0] * 0.8):
+                station += length + rng.uniform(*rows.gap_m)
+            else:
+                station += NEXT_TRY_M
 
     def add_strip(self, kind: str, line: Polyline, right_m: float, width_m: float, piece_m: float = 12.0) -> None:
         """Add a hedge, wall or fence to the right of a line, in pieces; those that are not free are left out."""
         count = max(round(line.length / piece_m), 1)
         pieces = [cut_line(line, k * line.length / count, (k + 1) * line.length / count) for k in range(count)]
         self._add_free(kind, [buffer_line(piece, -right_m, right_m + width_m) for piece in pieces], CLEARANCE_M)
+
+    def add_hedges(self, kerb: Polyline, rng: random.Random) -> None:
+        """Add hedges with gaps to the right of the edge of a road in the country."""
+        station, verge = rng.uniform(0.0, 20.0), rng.uniform(*VERGE_M)
+        while station < kerb.length - 10.0:
+            end = min(station + rng.uniform(*HEDGED_M), kerb.length)
+            if rng.random() < 0.8:
+                self.add_strip("hedge", cut_line(kerb, station, end), verge, HEDGE_M)
+            station = end + rng.uniform(8.0, 40.0)
 
 
 def build_block(line: Polyline, station: float, length: float, right_m: float, depth: float) -> Float:

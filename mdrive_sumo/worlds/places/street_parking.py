@@ -9,7 +9,9 @@ import numpy as np
 from mdrive_sumo.roads.network_file import BusStop, ParkingRow
 from mdrive_sumo.worlds.places.alignment import buffer_line, cut_line, shift_line
 from mdrive_sumo.worlds.places.draft_edge import DraftEdge
+from mdrive_sumo.worlds.places.frontage import build_box
 from mdrive_sumo.worlds.places.network_draft import NetworkDraft
+from mdrive_sumo.worlds.places.street_spine import Spine
 
 STALL_M = 5.7
 """[m] Length of a stall along a street (RASt 06, section 6.1.5.2: 5.20 m to 6.70 m with the gap to the next)."""
@@ -18,6 +20,12 @@ ISLAND_M = 2.5
 LEAST_ROW_M = 6.0
 CORNER_M = 5.0
 """[m] No vehicle parks nearer than that to the edge of a street that joins (StVO section 12(3) no. 1)."""
+DRIVEWAY = "driveway"
+"""Beginning of the ids of joints that are driveways."""
+DRIVEWAY_CORNER_M = 0.5
+"""[m] No vehicle parks in front of a driveway (StVO section 12(3) no. 3), and half a metre beside it; chosen."""
+TREE_M = 0.5
+"""[m] Width of a trunk."""
 ZEBRA_M = 5.0
 """[m] No vehicle parks nearer than that before a zebra crossing (StVO, sign 293)."""
 BUS_STOP_M = 18.0
@@ -90,3 +98,21 @@ def pave_cycle_lane(draft: NetworkDraft, edge: DraftEdge) -> None:
     if edge.cycle_lane is not None:
         centre, width = edge.find_centre(edge.cycle_lane), edge.lanes[edge.cycle_lane].width_m
         draft.paved_areas.append(buffer_line(edge.line, -(centre - width / 2), centre + width / 2))
+
+
+def add_tree(draft: NetworkDraft, edge: DraftEdge, station: float) -> None:
+    """Add the trunk of a tree on the parking lane of an edge, between two rows."""
+    index = next(i for i, lane in enumerate(edge.lanes) if lane.use == "park")
+    draft.obstacles.append(("tree", build_box(edge.line, station, -edge.find_centre(index), TREE_M, TREE_M)))
+
+
+def close_ends(spine: Spine, edge: DraftEdge) -> list[Closure]:
+    """Return where parking is forbidden on an edge: at its junctions and zebra crossings."""
+    reach = {"begin": 3.0, "end": 3.0}
+    for joint in spine.plan.joints:
+        half = max((arm.half.width_m for arm in joint.arms), default=0.0)
+        corner = DRIVEWAY_CORNER_M if joint.id.startswith(DRIVEWAY) else CORNER_M
+        crossing = 3.5 if {"before", "after"} & set(joint.zebras) else 0.0
+        reach[joint.id] = half + joint.radius + corner + crossing if joint.arms else crossing + ZEBRA_M
+    length = edge.line.length
+    return [Closure(0.0, reach.get(edge.begin, 0.0)), Closure(length - reach.get(edge.end, 0.0), length)]

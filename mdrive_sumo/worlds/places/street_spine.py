@@ -23,6 +23,8 @@ from mdrive_sumo.worlds.places.network_draft import NetworkDraft, Node
 FORWARD, BACKWARD = "forward", "backward"
 ARM_PRIORITY = 2
 MAIN_PRIORITY = 6
+ALL_RED_S = 2
+"""[s] Red for all after amber, in which waiting vehicles leave the junction (RiLSA 2015, section 2.7: 1 s to 3 s)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +96,10 @@ class Joint:
     arms: tuple[SideArm, ...] = ()
     zebras: tuple[str, ...] = ()
     """Which ways a zebra crossing leads across: "before", "after" (the main street) and ids of arms."""
+    turn_lanes: tuple[str, ...] = ()
+    """Directions of the main street that have a lane for left turns."""
     turn_lane_m: float = 0.0
-    """Length of the lanes for left turns from the main street; 0: there are none."""
+    """Length of these lanes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +141,10 @@ def build_spine(draft: NetworkDraft, plan: SpinePlan) -> Spine:
         spine.edges[direction] = _add_direction(draft, plan, direction)
     leading, leaving = _index_edges(spine)
     for joint in plan.joints:
-        arms = [JunctionArm(leading[FORWARD, joint.id], leaving[BACKWARD, joint.id], joint.turn_lane_m > 0)]
-        arms += [JunctionArm(leading[BACKWARD, joint.id], leaving[FORWARD, joint.id], joint.turn_lane_m > 0)]
+        arms = [
+            JunctionArm(leading[inward, joint.id], leaving[outward, joint.id], inward in joint.turn_lanes)
+            for inward, outward in ((FORWARD, BACKWARD), (BACKWARD, FORWARD))
+        ]
         arms += [JunctionArm(*spine.arms[arm.id]) for arm in joint.arms]
         draft.connections += connect_junction(arms)
         _add_zebras(draft, joint, arms)
@@ -202,7 +208,7 @@ def _list_stretches(draft: NetworkDraft, plan: SpinePlan, direction: str) -> lis
     turns: dict[str, int] = defaultdict(int)
     for joint in plan.joints:
         split = [(joint.station, joint.id)]
-        if joint.turn_lane_m:
+        if direction in joint.turn_lanes:
             sign = -1 if direction == FORWARD else 1
             pocket, station = f"pocket_{direction}_{joint.id}", joint.station + sign * joint.turn_lane_m
             at = find_point(plan.axis, station, sign * plan.section.median_m / 2)
@@ -222,6 +228,11 @@ def _add_zebras(draft: NetworkDraft, joint: Joint, arms: Sequence[JunctionArm]) 
         assert inward is not None
         assert outward is not None
         draft.crossings.append((joint.id, f"{inward.id} {outward.id}"))
+
+
+def list_signal_arguments(cycle_s: int) -> tuple[str, ...]:
+    """Return netconvert's arguments for programs of signals with a cycle time [s]; it makes them up itself."""
+    return ("--tls.cycle.time", str(cycle_s), "--tls.allred.time", str(ALL_RED_S))
 
 
 def compute_arm_heading(axis: Polyline, station: float, side: int, skew: float) -> float:
