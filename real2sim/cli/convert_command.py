@@ -79,9 +79,12 @@ def _make_plug_in_command(name: str, reader: ReaderPlugIn) -> click.Command:
     show_default=True,
     help="With --realism: simulations of each log, each with another seed.",
 )
+@click.option("--drawn", is_flag=True, help="With --realism: also of the traffic that worlds draw on drawn places.")
 @click.option("--json", "as_json", is_flag=True, help="With --summary or --realism: all figures as JSON.")
 @click.pass_context
-def convert(ctx: click.Context, suite: Path | None, judged: tuple[Path, ...], rollouts: int, as_json: bool) -> None:
+def convert(
+    ctx: click.Context, suite: Path | None, judged: tuple[Path, ...], rollouts: int, drawn: bool, as_json: bool
+) -> None:
     """Turn recordings and foreign scenario files into suites.
 
     network makes a network of your own map, for scenarios that you write.
@@ -104,7 +107,7 @@ def convert(ctx: click.Context, suite: Path | None, judged: tuple[Path, ...], ro
         option = "--realism" if suite is None else "--summary"
         raise InputError(f"{option}: expected no source beside it, found {ctx.invoked_subcommand}")
     if suite is None:
-        _show_realism(judged, rollouts, as_json)
+        _show_realism(judged, rollouts, drawn, as_json)
         ctx.exit(0)
     from real2sim.pipeline.quality_file import load_qualities
     from real2sim.pipeline.suite_summary import format_summary, summarize_suite
@@ -114,13 +117,14 @@ def convert(ctx: click.Context, suite: Path | None, judged: tuple[Path, ...], ro
     ctx.exit(0 if summary.all.passed else 1)
 
 
-def _show_realism(suites: tuple[Path, ...], rollouts: int, as_json: bool) -> None:
+def _show_realism(suites: tuple[Path, ...], rollouts: int, drawn: bool, as_json: bool) -> None:
     from mdrive_sumo.scenario.suite import load_suite
+    from real2sim.traffic_fidelity.drawn_traffic import DRAWN
     from real2sim.traffic_fidelity.realism_report import dump_realism, format_realism
     from real2sim.traffic_fidelity.traffic_realism import load_logged_scenarios, measure_realism
 
     logs = [log for suite in suites for log in load_logged_scenarios(load_suite(str(suite)))]
-    table = measure_realism(logs, rollouts, lambda name: echo(name, err=True))
+    table = measure_realism(logs, rollouts, tuple(DRAWN) if drawn else (), lambda name: echo(name, err=True))
     echo(dump_realism(table) if as_json else format_realism(table))
 
 

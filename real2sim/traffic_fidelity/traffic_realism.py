@@ -18,6 +18,7 @@ from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, CarFollowing
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import LOG_FILE, Suite
+from real2sim.traffic_fidelity.drawn_traffic import sample_drawn
 from real2sim.traffic_fidelity.log_simulation import TimedPath, run_beside_log
 from real2sim.traffic_fidelity.realism_features import RoadUserStates, compute_features, find_collisions
 from real2sim.traffic_fidelity.realism_score import (
@@ -165,11 +166,15 @@ class RealismTable:
 
 
 def measure_realism(
-    logs: Sequence[LoggedScenario], rollouts: int, report: Callable[[str], None] = lambda _: None
+    logs: Sequence[LoggedScenario],
+    rollouts: int,
+    drawn: Sequence[str] = (),
+    report: Callable[[str], None] = lambda _: None,
 ) -> RealismTable:
     """Simulate all logs in all ways and compare. Needs the process's only SUMO simulation.
 
-    `report` is called with the id of each scenario before it is simulated.
+    drawn: demands of `DRAWN` whose traffic on drawn places is compared as well. `report` is called with the id of each
+    scenario and demand before it is simulated.
     """
     logged: list[RealismSamples] = []
     samples: dict[str, list[list[RealismSamples]]] = {name: [] for name in (SCHEDULED, FREE, DEFAULTS)}
@@ -178,6 +183,10 @@ def measure_realism(
         logged.append(sample_log(one))
         for name, kept in samples.items():
             kept.append([sample_rollout(one, name, seed) for seed in range(rollouts)])
+    populations = {name: _flatten(drives) for name, drives in samples.items()}
+    for demand in drawn:
+        report(demand)
+        populations[f"drawn: {demand}"] = sample_drawn(demand, STRIDE)
     own = {LOG: [[sample] for sample in logged], **samples}
     there = sum(int(np.isfinite(sample.features["nearest"]).sum()) for sample in logged)
     return RealismTable(
@@ -190,8 +199,8 @@ def measure_realism(
             _average(LOG, [compute_pooled_likelihoods(sample, logged) for sample in logged]),
             *_score_held_out(logged),
             *(
-                _average(name, [compute_pooled_likelihoods(sample, _flatten(drives)) for sample in logged])
-                for name, drives in samples.items()
+                _average(name, [compute_pooled_likelihoods(sample, population) for sample in logged])
+                for name, population in populations.items()
             ),
         ),
     )

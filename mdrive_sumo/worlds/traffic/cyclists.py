@@ -1,10 +1,11 @@
 """Cyclists and e-scooters that SUMO drives: on cycle lanes where there are some, else at the side of streets."""
 
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing
+from mdrive_sumo.worlds.placement.bodies import BODIES
 from mdrive_sumo.worlds.traffic.driving_vehicles import compute_start_speed, is_street
 from mdrive_sumo.worlds.traffic.lane_walk import Way, draw_way
 from mdrive_sumo.worlds.traffic.occupancy import TakenGround, build_box_on
@@ -17,8 +18,6 @@ SCOOTER_MPS = (3.9, 5.5)
 """[m/s] E-scooters: at most 20 km/h (German regulation eKFV), 14 km/h in dense traffic: chosen."""
 SCOOTER_SHARE = 0.15
 """Share of e-scooters among them: chosen."""
-SIZES: Mapping[str, tuple[float, float]] = {"bicycle": (1.8, 0.6), "e-scooter": (1.2, 0.6)}
-"""Length and width [m] with rider, as `placement.bodies` has them."""
 FREE_M = 15.0
 AROUND_M = (-FREE_M, -FREE_M / 2, 0.0, FREE_M / 2, FREE_M)
 """[m] Free length before and behind a cyclist at the start: a vehicle at 36 km/h behind one who stands needs 15 m."""
@@ -42,7 +41,7 @@ def _place(
 ) -> Iterator[BackgroundVehicle]:
     model = "e-scooter" if rng.random() < SCOOTER_SHARE else "bicycle"
     top = rng.uniform(*(SCOOTER_MPS if model == "e-scooter" else CYCLE_MPS))
-    length, width = SIZES[model]
+    length, width = BODIES[model].length, BODIES[model].width
     front = rng.uniform(length + 1.0, max(lane.centre.length - 2.0, length + 1.0))
     around = [build_box_on(lane.centre, front + step, (length + FREE_M / 2, width)) for step in AROUND_M]
     if front > lane.centre.length or taken.is_kept_free(lane.id, front - length, front):

@@ -63,8 +63,9 @@ def draw_parked(roads: RoadMap, demand: TrafficDemand, taken: TakenGround, rng: 
     if roads.parking:
         return [place for row in sorted(roads.parking, key=lambda one: one.id)
                 for place in _fill_row(roads, build_polyline(row.line), demand, taken, rng)]  # fmt: skip
-    return [place for lane in sorted(roads.driving, key=lambda one: one.id)
-            for place in _fill_kerb(roads, lane, demand, taken, rng)]  # fmt: skip
+    with_cycles = {lane.edge for lane in roads.cycle_lanes.values()}
+    kerbs = [lane for lane in sorted(roads.driving, key=lambda one: one.id) if lane.edge not in with_cycles]
+    return [place for lane in kerbs for place in _fill_kerb(roads, lane, demand, taken, rng)]
 
 
 def _fill_kerb(

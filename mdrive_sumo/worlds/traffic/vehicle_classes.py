@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,14 +17,16 @@ class VehicleClass:
 
 
 VEHICLE_CLASSES: Mapping[str, VehicleClass] = {
-    "car": VehicleClass(4.6, 1.85, CarFollowing(sigma=0.2)),
-    "van": VehicleClass(5.9, 2.0, CarFollowing(sigma=0.2, accel=2.0)),
-    "truck": VehicleClass(9.5, 2.5, CarFollowing(sigma=0.2, accel=1.2, decel=4.0, tau_s=1.4, max_speed=24.0)),
-    "bus": VehicleClass(12.0, 2.55, CarFollowing(sigma=0.2, accel=1.2, decel=4.0, tau_s=1.4, max_speed=27.0)),
+    "car": VehicleClass(*BODY_SIZES["car"], CarFollowing(sigma=0.2)),
+    "van": VehicleClass(*BODY_SIZES["van"], CarFollowing(sigma=0.2, accel=2.0)),
+    "truck": VehicleClass(
+        *BODY_SIZES["truck"], CarFollowing(sigma=0.2, accel=1.2, decel=4.0, tau_s=1.4, max_speed=24.0)
+    ),
+    "bus": VehicleClass(*BODY_SIZES["bus"], CarFollowing(sigma=0.2, accel=1.2, decel=4.0, tau_s=1.4, max_speed=27.0)),
     "motorcycle": VehicleClass(2.2, 0.8, CarFollowing(sigma=0.2, accel=4.0)),
-    "emergency": VehicleClass(6.2, 2.1, CarFollowing(sigma=0.0, accel=2.6, tau_s=0.8)),
+    "emergency": VehicleClass(*BODY_SIZES["ambulance"], CarFollowing(sigma=0.0, accel=2.6, tau_s=0.8)),
 }
-"""Boxes are those of the hard tier; the ambulance is that of EN 1789, type C, rounded. Trucks are governed at 86 to 90
+"""Trucks are governed at 86 to 90
 km/h and buses at 100 km/h (EU directives 92/6/EEC and 2002/85/EC). Heavy vehicles accelerate less, motorcycles more,
 and drivers are more even than SUMO's (sigma 0.5), so that less of an outcome is chance: chosen."""
 LARGE = frozenset({"truck", "bus"})

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from testing.convert_command import run
 
+from real2sim.traffic_fidelity import drawn_traffic
 from real2sim.traffic_fidelity.realism_score import MEASURES
 
 pytestmark = pytest.mark.slow
@@ -34,9 +35,13 @@ def test_traffic_on_the_schedule_of_the_log_is_more_like_it_than_free_traffic(
     assert table["scheduled"]["realism"] > table["SUMO's defaults"]["realism"]
 
 
-def test_the_command_prints_both_tables(suite: Path) -> None:
-    done = run("--realism", suite, "--rollouts", "1")
+def test_the_command_prints_both_tables_also_of_drawn_traffic(suite: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drawn_traffic, "DRAWN", {"town-quiet": ("crossing",)})
+    monkeypatch.setattr(drawn_traffic, "SEEDS", (1,))
+    done = run("--realism", suite, "--rollouts", "1", "--drawn")
     assert done.exit_code == 0, done.output
+    drawn = [line.split("  ")[0] for line in done.stdout.splitlines() if line.startswith("drawn")]
+    assert drawn == ["drawn: town-quiet"]
     assert "1 scenarios, 2 vehicles driven by SUMO" in done.stdout
     assert done.stdout.count("SUMO's defaults") == 2
 
