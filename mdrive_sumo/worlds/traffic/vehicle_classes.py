@@ -26,9 +26,9 @@ VEHICLE_CLASSES: Mapping[str, VehicleClass] = {
     "motorcycle": VehicleClass(2.2, 0.8, CarFollowing(sigma=0.2, accel=4.0)),
     "emergency": VehicleClass(*BODY_SIZES["ambulance"], CarFollowing(sigma=0.0, accel=2.6, tau_s=0.8)),
 }
-"""Trucks are governed at 86 to 90
-km/h and buses at 100 km/h (EU directives 92/6/EEC and 2002/85/EC). Heavy vehicles accelerate less, motorcycles more,
-and drivers are more even than SUMO's (sigma 0.5), so that less of an outcome is chance: chosen."""
+"""Trucks are governed at 86 to 90 km/h and buses at 100 km/h (EU directives 92/6/EEC and 2002/85/EC). Heavy vehicles
+accelerate less, motorcycles more, and drivers are more even than SUMO's (sigma 0.5), so that less of an outcome is
+chance: chosen."""
 LARGE = frozenset({"truck", "bus"})
 """Their boxes cut corners: they drive on lanes of `LARGE_LANE_M` only."""
 LARGE_LANE_M = 3.0
