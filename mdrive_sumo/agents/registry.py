@@ -47,6 +47,7 @@ AGENTS = AgentTable(
         "stationary": "sensorless:StationaryAgent",
         "constant-speed": "sensorless:ConstantSpeedAgent",
         "take-turns": "sensorless:TakeTurnsAgent",
+        "memory": "memory:MemoryAgent",
         "idm": "idm:IdmAgent",
         "single": "sharing:SingleAgent",
         "sharing": "sharing:SharingAgent",

@@ -55,6 +55,8 @@ class Cause(StrEnum):
     """A pedestrian beside the road faces it and may step out."""
     TURN = "turn"
     """The schedule of `take-turns`: its turn has not come."""
+    MEMORY = "memory"
+    """The drive that `memory` repeats."""
     STATIONARY = "stationary"
     """The agent never moves."""
     NETWORK_DRIVES = "network-drives"

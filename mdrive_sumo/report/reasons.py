@@ -40,6 +40,7 @@ SENTENCES: Mapping[Cause, str] = MappingProxyType(
         Cause.NO_WAY: "finds no way past {names}",
         Cause.PEDESTRIAN: "is careful of {names} beside the road, {which} may step out",
         Cause.TURN: "waits for its turn{begins}",
+        Cause.MEMORY: "repeats a drive that it knows by heart",
         Cause.STATIONARY: "stands, as this agent always does",
         Cause.NETWORK_DRIVES: "follows its network, which plans {speed} on average",
         Cause.NETWORK_BRAKES: "follows its network, which plans to slow down to {speed} on average",
