@@ -23,6 +23,7 @@ from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.runs.stored_run import StoredRun, load_stored_run
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from tools.tool_command import HELP, ToolCommand, dry_run_option
 
 AGENT, SUITE = "omniscient", "mdrive@0"
@@ -39,12 +40,14 @@ def check_run(run: StoredRun) -> None:
         raise InputError(f"expected a run of agent, suite, seeds, scenarios {expected}, found {found}")
 
 
-def sample_drives(scenario: Scenario, episode: EpisodeRecord) -> Iterator[tuple[Float, Float]]:
-    """Yield the goal (2,) and the points (N, 2) of the drive of each CAV [m]."""
+def sample_drives(scenario: Scenario, episode: EpisodeRecord) -> Iterator[tuple[Float, float, Float]]:
+    """Yield goal (2,) [m], time limit [s] and points (N, 2) [m] of the drive of each CAV."""
+    limits = compute_time_limit_ticks(scenario)
     for column, ego in enumerate(scenario.egos):
         last = episode.find_ending(ego.id).tick
         ticks = np.arange(0, last + 1, SAMPLE_TICKS)
-        yield ego.xy[-1], np.stack([episode.x[ticks, column], episode.y[ticks, column]], axis=1)
+        points = np.stack([episode.x[ticks, column], episode.y[ticks, column]], axis=1)
+        yield ego.xy[-1], limits[ego.id] * DT, points
 
 
 def build_drives(run: StoredRun) -> bytes:
@@ -54,7 +57,8 @@ def build_drives(run: StoredRun) -> bytes:
         for scenario in run.run.scenarios
         for drive in sample_drives(scenario, load_episode(run.run.find_recording((scenario.id, 0))))
     ]
-    return memory.pack_drives(np.array([goal for goal, _ in sampled]), [points for _, points in sampled])
+    goals, limits, drives = zip(*sampled, strict=True)
+    return memory.pack_drives(np.array(goals), np.array(limits), list(drives))
 
 
 @click.command(cls=ToolCommand, context_settings=HELP)
