@@ -14,6 +14,7 @@ from mdrive_sumo.scenario.season import read_stored_name
 from server import environments
 from server.cli.data_folder import find_database_file
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
+from server.cli.phase_season import draw_phase
 from server.clock import format_utc, now_us
 from server.enums import TokenScope
 from server.evaluation import spot_checks
@@ -163,6 +164,9 @@ def apply_phases(admin_context: _AdminContext) -> None:
     with report_store_errors(), admin_context.begin().write() as session:
         phases.set_phases(session, [each.as_new() for each in admin_context.settings.phases], now_us())
         standings.refresh_scores(session)
+
+
+phase.add_command(draw_phase)
 
 
 @admin.group()
