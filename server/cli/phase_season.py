@@ -1,4 +1,4 @@
-"""`mdrive-sumo admin phase draw`: a hidden phase gets a season of its own, which nobody else can draw."""
+"""`mdrive-sumo admin phase draw`: a hidden phase gets a season that needs its secret."""
 
 import secrets
 from pathlib import Path
