@@ -61,7 +61,13 @@ class CorridorParameters:
     parking: str = choose("none", "one_side", "both_sides", doc="Parking lanes.", weights=(2.0, 2.0, 4.0))
     has_cycle_lanes: bool = choose(False, True, doc="Cycle lanes between cars and pavement.", weights=(2.0, 1.0))
     signals: str = choose("none", "some", "all", doc="Junctions with signals.", weights=(3.0, 5.0, 2.0))
-    zebras: int = choose(0, 1, 2, doc="Zebra crossings between junctions.", weights=(2.0, 3.0, 1.0))
+    zebras: int = choose(
+        0,
+        1,
+        2,
+        doc="Zebra crossings between junctions; with two lanes, signals.",
+        weights=(2.0, 3.0, 1.0),
+    )
     has_bus_stops: bool = choose(False, True, doc="A bus stop in each direction.")
     spacing_m: float = between(80.0, 130.0, doc="Mean distance [m] of junctions.")
     sinuosity: float = between(0.0, 0.7, doc="Share of the street in bends.")
@@ -117,9 +123,10 @@ def _draw_joints(
     """Return the junctions and the zebra crossings halfway between some of them."""
     joints = [_draw_junction(parameters, axis, k, station, rng) for k, station in enumerate(stations, 1)]
     middles = [(a + b) / 2 for a, b in pairwise(stations)] or [axis.length / 2]
+    type_ = "priority" if parameters.lanes == 1 else "traffic_light"  # R-FGÜ 2001: no zebra crossing over two lanes
     for k, middle in enumerate(rng.sample(middles, min(parameters.zebras, len(middles))), 1):
         if all(abs(middle - station) > 25.0 for station in stations):
-            joints.append(Joint(f"zebra_{k}", middle + rng.uniform(-6.0, 6.0), radius=1.5, zebras=("before",)))
+            joints.append(Joint(f"zebra_{k}", middle + rng.uniform(-6.0, 6.0), type_, 1.5, zebras=("before",)))
     return sorted(joints, key=lambda joint: joint.station)
 
 
