@@ -15,7 +15,7 @@ from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.encounters.crossing_users import StepOut
 from mdrive_sumo.worlds.placement.bodies import BODIES, build_mast
-from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
+from mdrive_sumo.worlds.placement.cavs import build_platoon
 from mdrive_sumo.worlds.placement.lane_chains import (
     Lanes,
     compute_chain_length,
@@ -98,8 +98,8 @@ def stage_occluded_pedestrian(values: Values, seed: str) -> FamilyScene:
     street = _find_street(values)
     roads, places = street.roads, street.places
     start = max(places[0] - values["own_m"], 3.0)
-    own = build_cav(roads, "0", street.own, (start, street.goal_m), values["own_speed"])
-    line = (own, *_build_behind(street, values, start))
+    names = [str(k) for k in range(round(values["cavs"]) - (values["mast"] < 0.5))]
+    line = build_platoon(roads, names, street.own, (start, 22.0), (street.goal_m, values["own_speed"]))
     egos = (*line, *_build_oncoming(street, values, places[0] - start))
     walkers = [_build_pedestrian(street, line[k % len(line)], k, values) for k in range(len(places))]
     model = "bus" if values["bus"] >= 0.5 else "van"
@@ -133,13 +133,6 @@ def _build_oncoming(street: _Street, values: Values, own_m: float) -> list[Ego]:
     place = find_station_beside(street.roads, street.oncoming, street.own, street.places[0])
     front = max(place - values["witness_m"] - own_m * 0.7, 3.0)
     return build_platoon(street.roads, ["oncoming"], street.oncoming, (front, 26.0), (place + 50.0, MEAN_SPEED))
-
-
-def _build_behind(street: _Street, values: Values, start: float) -> list[Ego]:
-    count = round(values["cavs"]) - 1 - (values["mast"] < 0.5)
-    names = [str(k + 1) for k in range(count)]
-    goal = street.goal_m
-    return build_platoon(street.roads, names, street.own, (start - 22.0, 22.0), (goal, values["own_speed"]))
 
 
 def _build_masts(street: _Street) -> tuple[RoadsideUnit, ...]:

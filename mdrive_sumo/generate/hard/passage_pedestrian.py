@@ -13,7 +13,7 @@ from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.worlds.encounters.crossing_users import StepOut
 from mdrive_sumo.worlds.placement.bodies import BODIES, build_mast
-from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
+from mdrive_sumo.worlds.placement.cavs import build_platoon
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_station_beside
 from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 
@@ -92,15 +92,13 @@ def build_passage_scene(street: PassageStreet, values: Values, seed: str) -> Fam
     start = max(places[0] - values["own_m"], RIM_M)
     goal = min(places[-1] + values["beyond_m"], compute_chain_length(roads, own) - RIM_M)
     speed = SPEED_FACTOR * values["own_speed"]
-    cav = build_cav(roads, "0", own, (start, goal), speed)
     has_witness = values["mast"] < 0.5
     beside = find_station_beside(roads, oncoming, own, places[0])
     front = max(beside - values["witness_m"] - (places[0] - start) * 0.7, RIM_M)
     names = ["oncoming"] if has_witness else []
     witnesses = build_platoon(roads, names, oncoming, (front, 26.0), (beside + 40.0, MEAN_SPEED))
-    names = [str(k + 1) for k in range(round(values["cavs"]) - 1 - has_witness)]
-    behind = build_platoon(roads, names, own, (start - 30.0, 30.0), (goal, speed))
-    line = (cav, *behind)
+    names = [str(k) for k in range(round(values["cavs"]) - has_witness)]
+    line = build_platoon(roads, names, own, (start, 30.0), (goal, speed))
     egos = (*line, *witnesses)
     offsets, rider = (-DEEP_M, street.across_m), (values["riding_speed"], values["lead_m"])
     riders = tuple(

@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.placement.bodies import BODIES, build_mast, build_rider
-from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
+from mdrive_sumo.worlds.placement.cavs import build_platoon
 from mdrive_sumo.worlds.placement.lane_chains import (
     Lanes,
     build_pose_line,
@@ -85,15 +85,14 @@ def stage_right_turn_cyclist(values: Values, seed: str) -> FamilyScene:
     roads = corner.roads
     start = max(corner.crossing_m - values["own_m"], 3.0)
     goal = min(corner.crossing_m + 50.0, compute_chain_length(roads, corner.turn) - 3.0)
-    own = build_cav(roads, "0", corner.turn, (start, goal), values["own_speed"])
     needed_s = (corner.crossing_m - start) / MEAN_SPEED + values["gap_s"]
     cyclist = _build_cyclist(corner, max(needed_s, 1.0), values["cycling_speed"])
     end = corner.stop_m - values["row_end_m"]
     row = ParkedRow(corner.straight, (max(end - ROW_M, 3.0), end), -KERB_ROW_M, van_share=0.7)
     parked = build_parked_row(roads, row, seed, "row")
-    names = [str(k) for k in range(1, round(values["cavs"]))]
-    behind = build_platoon(roads, names[::2], corner.turn, (start - 20.0, 20.0), (goal, values["own_speed"]))
-    egos = (own, *behind, *_build_oncoming(corner, names[1::2]))
+    own, *names = (str(k) for k in range(round(values["cavs"])))
+    line = build_platoon(roads, [own, *names[::2]], corner.turn, (start, 20.0), (goal, values["own_speed"]))
+    egos = (*line, *_build_oncoming(corner, names[1::2]))
     vehicles = build_traffic(roads, corner.corridor.all_streams, round(values["vehicles"]), seed, egos)
     mast = build_mast("mast", compute_pose(roads, corner.straight, corner.stop_m + BEYOND_STOP_LINE_M, -PAVEMENT_M))
     return FamilyScene(roads, egos, vehicles, (cyclist, *parked), (mast,), signals=True)

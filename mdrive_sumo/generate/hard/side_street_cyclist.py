@@ -12,7 +12,7 @@ from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.placement.bodies import BODIES, build_mast, build_rider
-from mdrive_sumo.worlds.placement.cavs import build_cav, build_platoon
+from mdrive_sumo.worlds.placement.cavs import build_platoon
 from mdrive_sumo.worlds.placement.lane_chains import (
     Lanes,
     build_pose_line,
@@ -122,17 +122,15 @@ def stage_side_street_cyclist(values: Values, seed: str) -> FamilyScene:
     roads = found.roads
     start = max(found.own_m - values["own_m"], 3.0)
     goal = min(found.own_m + 70.0, compute_chain_length(roads, found.own) - 3.0)
-    own = build_cav(roads, "0", found.own, (start, goal), values["own_speed"])
     needed_s = max((found.own_m - start) / street.mean_speed + values["gap_s"], 1.0)
     cyclists = [
         _build_cyclist(found, f"cyclist{k}", needed_s + k * values["headway_s"], values)
         for k in range(round(values["cyclists"]))
     ]
     witnesses = 0 if values["mast"] >= 0.5 else 1
-    names = [str(k) for k in range(1, round(values["cavs"]))]
-    drive = (goal, values["own_speed"])
-    behind = build_platoon(roads, names[witnesses:], found.own, (start - 18.0, 18.0), drive)
-    egos = (own, *behind, *_build_on_main(found, names[:witnesses], values["witness_m"]))
+    own, *names = (str(k) for k in range(round(values["cavs"])))
+    line = build_platoon(roads, [own, *names[witnesses:]], found.own, (start, 18.0), (goal, values["own_speed"]))
+    egos = (*line, *_build_on_main(found, names[:witnesses], values["witness_m"]))
     vehicles = build_traffic(roads, street.streams, round(values["vehicles"]), seed, egos)
     mast = build_mast("mast", compute_pose(roads, found.near, found.near_m, 12.0))
     rsus = (mast,) if values["mast"] >= 0.5 else ()
