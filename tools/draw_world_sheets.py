@@ -2,10 +2,13 @@
 
     python -m tools.draw_world_sheets places places.png [--kind crossing] [--seed 0] [--count 30]
     python -m tools.draw_world_sheets scenarios scenarios.png --suite mdrive [--count 30]
+    python -m tools.draw_world_sheets page [--dry-run]
 
 Places are drawn in the order of their kinds, each by the next seed; of a suite's scenarios, every so many-th is drawn.
+`page` writes the sheet of places and the tables of kinds and parameters of docs/place-kinds.md.
 """
 
+import dataclasses
 import math
 import tempfile
 import textwrap
@@ -20,15 +23,16 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from PIL import Image
 
-from mdrive_sumo.core.output_files import make_parents
+from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.report.map_view import fit_view
 from mdrive_sumo.report.scenario_plot import draw_map, draw_scenario
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.worlds.places import PLACE_KINDS, Place, check_place, draw_place, write_place
-from tools.tool_command import HELP, ToolCommand
+from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
 COLUMNS = 6
 SIDE_INCHES = 4.0
@@ -36,6 +40,14 @@ GREEN = "#6f9f6a"
 PLANTS = ("hedge", "tree")
 VIEW_M = 85.0
 """[m] Half of the side of a picture of a place around its middle."""
+LONG_VIEW_M = 200.0
+"""[m] That of a place whose lanes are longer than `LONG_M`."""
+LONG_M = 150.0
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE, PAGE_SHEET = Path("place-kinds.md"), Path("images/worlds/places.webp")
+BEGIN, END = "<!-- kinds:begin, written by tools/draw_world_sheets.py -->", "<!-- kinds:end -->"
+QUALITY = 60
+"""Quality of WebP: 30 places in 300 KB."""
 
 Drawing = Callable[[Axes], None]
 
@@ -50,7 +62,9 @@ def draw_sheet(drawings: Sequence[Drawing], path: Path) -> None:
         box = (column / COLUMNS + 0.002, 1 - (row + 1) / rows + 0.002, 1 / COLUMNS - 0.004, 0.88 / rows)
         draw(figure.add_axes(box))
     make_parents(path)
-    canvas.print_png(path)
+    canvas.draw()
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    image.save(path, quality=QUALITY, method=6)  # PNG ignores both
 
 
 def draw_place_field(axes: Axes, place: Place) -> None:
@@ -80,7 +94,8 @@ def _list_view_corners(roads: RoadMap) -> np.ndarray:
     middle = np.concatenate(inside).mean(0) if inside else np.array(lanes.centroid.coords[0])
     left, low, right, high = lanes.bounds
     corners = np.array([(left, low), (right, high)])
-    return np.clip(corners, middle - VIEW_M, middle + VIEW_M)
+    side = LONG_VIEW_M if max(lane.centre.length for lane in roads.driving) > LONG_M else VIEW_M
+    return np.clip(corners, middle - side, middle + side)
 
 
 def draw_scenario_field(axes: Axes, scenario: Scenario, roads: RoadMap) -> None:
@@ -101,12 +116,40 @@ def main() -> None:
 @click.option("--seed", default=0, help="Of the first place.")
 @click.option("--count", "size", default=30, help="Places.")
 def draw_places(path: Path, kinds: Sequence[str], seed: int, size: int) -> None:
-    """Draw places into PATH, a PNG file."""
+    """Draw places into PATH, a PNG or WebP file."""
+    draw_sheet(list_place_drawings(kinds or tuple(PLACE_KINDS), seed, size), path)
+
+
+def list_place_drawings(kinds: Sequence[str], seed: int, size: int) -> list[Drawing]:
+    """Return the drawings of so many places, of the kinds by turns and with growing seeds."""
     draws: list[Drawing] = []
-    for _, kind, number in zip(range(size), cycle(kinds or PLACE_KINDS), count(seed), strict=False):
+    for _, kind, number in zip(range(size), cycle(kinds), count(seed), strict=False):
         place = draw_place(kind, number)
         draws.append(lambda axes, place=place: draw_place_field(axes, place))
-    draw_sheet(draws, path)
+    return draws
+
+
+def format_kinds() -> str:
+    """Return a section in Markdown for each kind of place, with a table of its parameters."""
+    lines: list[str] = []
+    for kind in PLACE_KINDS.values():
+        lines += [f"## {kind.name}", "", f"{kind.description[0].upper()}{kind.description[1:]}.", ""]
+        lines += ["| parameter | values | meaning |", "|---|---|---|"]
+        for parameter in dataclasses.fields(kind.parameters):
+            lines.append(f"| `{parameter.name}` | {parameter.metadata['range']} | {parameter.metadata['doc']} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+@main.command("page", cls=ToolCommand)
+@dry_run_option
+def write_page(dry_run: bool) -> None:
+    """Write the sheet of places and the tables of docs/place-kinds.md."""
+    before, _, rest = (DOCS / PAGE).read_text("utf-8").partition(BEGIN)
+    with tempfile.TemporaryDirectory() as scratch:
+        draw_sheet(list_place_drawings(tuple(PLACE_KINDS), 0, 30), Path(scratch, PAGE_SHEET))
+        write_text(Path(scratch, PAGE), f"{before}{BEGIN}\n\n{format_kinds()}\n{END}{rest.partition(END)[2]}")
+        replace_changed_files(Path(scratch), DOCS, dry_run=dry_run)
 
 
 @main.command("scenarios", cls=ToolCommand)
@@ -114,7 +157,7 @@ def draw_places(path: Path, kinds: Sequence[str], seed: int, size: int) -> None:
 @click.option("--suite", "name", default="mdrive", help="Name or folder of a suite.")
 @click.option("--count", "size", default=30, help="Scenarios.")
 def draw_scenarios(path: Path, name: str, size: int) -> None:
-    """Draw scenarios of a suite into PATH, a PNG file."""
+    """Draw scenarios of a suite into PATH, a PNG or WebP file."""
     suite = load_suite(name)
     draws: list[Drawing] = []
     for scenario in suite.scenarios[:: max(len(suite.scenarios) // size, 1)][:size]:
