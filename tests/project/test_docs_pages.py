@@ -37,6 +37,7 @@ LONG_PAGES = {
     "api.md": "one reference of all paths",
     "findings.md": "one argument with its evidence",
     "gallery.md": "generated",
+    "place-kinds.md": "generated",
     "glossary.md": "a list of terms",
     "hard.md": "not divided yet",
     "protocol.md": "the sections of the protocol, in its order",
