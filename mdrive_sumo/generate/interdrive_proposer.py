@@ -102,7 +102,7 @@ def _swap(cavs: int, rng: random.Random) -> Draft:
     egos = [draft_ego(n, "lane_change", lane_change_phase="before_intersection") for n in (1, 2)]
     behind: list[tuple[Maneuver, int]] = [("left", 2), ("right", 1)]
     rng.shuffle(behind)
-    turning = [(n, turn, ahead) for n, (turn, ahead) in enumerate(behind, 3)]
+    turning: list[tuple[int, Maneuver, int]] = [(n, turn, ahead) for n, (turn, ahead) in enumerate(behind, 3)]
     egos += [draft_ego(n, turn) for n, turn, _ in turning]
     relations = [draft_relation(n, "same_lane_as", ahead) for n, _, ahead in turning]
     return {

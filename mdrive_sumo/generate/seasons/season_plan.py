@@ -1,6 +1,6 @@
 """SeasonGroup: the categories of a season with their numbers of scenarios, and the means that each must have."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -29,7 +29,7 @@ OCCLUSION_CATEGORIES: Final = frozenset((Category.PRE_CRASH, Category.CROSSWALK)
 POOL_FACTORS: Final = {"interdrive": 6, "interaction": 3}
 """Scenarios in the pool per scenario that is kept. InterDrive's means are those of all its groups."""
 
-CATEGORY_POOL_FACTORS: Final = {Category.ROUNDABOUT: 6}
+CATEGORY_POOL_FACTORS: Final[Mapping[str, int]] = {Category.ROUNDABOUT: 6}
 """On drawn rings CAVs turn by 230 deg on average, the paper's by 296: the selection takes the upper part."""
 
 
