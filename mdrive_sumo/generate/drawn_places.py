@@ -41,8 +41,9 @@ def _choose(kind: str, **parameters: Value) -> PlaceChoice:
 _MOTORWAYS = tuple(
     _choose(kind, carriageways=1) for kind in ("motorway_merge", "motorway_weave", "motorway_exit", "lane_drop")
 )
-_STREETS = tuple(
-    _choose("corridor", junctions=0, lanes=2, signals="none", parking=side) for side in ("none", "one_side")
+_STREETS = (
+    *(_choose("corridor", junctions=0, lanes=2, signals="none", parking=side) for side in ("none", "one_side")),
+    _choose("arterial", junctions=0, lanes=2, sinuosity=0.0),
 )
 _JUNCTION_STREET = {
     lanes: _choose("corridor", junctions=1, lanes=lanes, signals="none", has_bus_stops=False) for lanes in (1, 2)
@@ -66,10 +67,13 @@ CHOICES: Final[Mapping[tuple[Topology, bool, bool], Sequence[PlaceChoice]]] = {
         _choose("crossing", arms=4, main_lanes=2, side_lanes=2),
         _choose("crossing", arms=4, main_lanes=3),
         _JUNCTION_STREET[2],
+        _choose("arterial", junctions=1, lanes=2),
     ),
     (Topology.T_JUNCTION, False, False): (
         *(_choose("crossing", arms=3, control=control, main_lanes=1, side_lanes=1) for control in _RULES),
         _JUNCTION_STREET[1],
+        _choose("residential_street", junctions=1, yards=0),
+        _choose("country_road", tracks=1),
     ),
     (Topology.T_JUNCTION, True, False): (
         _choose("crossing", arms=3, main_lanes=2),
@@ -79,6 +83,7 @@ CHOICES: Final[Mapping[tuple[Topology, bool, bool], Sequence[PlaceChoice]]] = {
     (Topology.CORRIDOR, True, False): _STREETS,
     (Topology.TWO_LANE_CORRIDOR, False, False): (
         _choose("corridor", junctions=0, lanes=1, signals="none", parking="none", sinuosity=0.0),
+        _choose("residential_street", junctions=0, yards=0, parking="none", sinuosity=0.0),
     ),
     (Topology.HIGHWAY, True, True): _MOTORWAYS[:2],
     (Topology.HIGHWAY, True, False): _MOTORWAYS,
