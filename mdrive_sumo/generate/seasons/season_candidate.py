@@ -107,7 +107,7 @@ def _evaluate_on_place(task: SeasonTask, seed: str, proposal: Proposal, scratch:
     if task.group.must_be_occluded and not found.is_occluded:
         raise ProposalRejected(PipelineStage.DIFFICULTY, "expected a road user hidden before a conflict, found none")
     _keep_files(task.work, recipe, scenario, roads.folder)
-    return build_item(scenario, task.group.name)
+    return build_item(scenario, task.group.name, is_hidden=found.is_occluded)
 
 
 @lru_cache(maxsize=64)

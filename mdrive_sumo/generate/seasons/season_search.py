@@ -103,7 +103,8 @@ def select_season(search: SeasonSearch, selection: Selection, seed: SeasonSeed) 
     """Return the scenarios of a selection, chosen from the pools of its groups."""
     pool = [item for group in selection.groups for item in search.list_pool(group)]
     wanted = {group.name: group.count for group in selection.groups}
-    return select_items(pool, wanted, selection.means, random.Random(seed.derive("selection", selection.name)))
+    rng = random.Random(seed.derive("selection", selection.name))
+    return select_items(pool, wanted, selection.means, rng, selection.least_hidden)
 
 
 def _read_result(task: SeasonTask, found: SeasonOutcome | WorkerFailure) -> SeasonOutcome:

@@ -64,7 +64,7 @@ def _find_part_problems(suite: Suite, examinations: Sequence[ScenarioValidation]
     ours = {scenario.id for scenario in suite.scenarios}
     examined = [one for one in examinations if one.scenario in ours]
     yield from _compare_with_paper(suite)
-    if suite.name == CATEGORY_SUITE:
+    if suite.about.name == CATEGORY_SUITE:
         yield from _compare_categories(suite.scenarios)
     if is_hard_suite(suite):
         yield from find_hard_problems(suite, examined, _describe_remedy(suite), must_be_complete=is_packaged(suite))
@@ -128,7 +128,7 @@ def _find_weather_deviations(scenarios: Sequence[Scenario]) -> Iterator[str]:
 
 
 def _check_occluded_count(suite: Suite, known: Mapping[str, bool]) -> Iterator[str]:
-    for category, least in MIN_OCCLUDED.get(suite.name, {}).items():
+    for category, least in MIN_OCCLUDED.get(suite.about.name, {}).items():
         names = [scenario.id for scenario in suite.scenarios if fnmatchcase(scenario.category, category)]
         hidden = sum(known.get(name, False) for name in names)
         if hidden < least and all(name in known for name in names):

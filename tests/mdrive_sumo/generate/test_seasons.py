@@ -3,6 +3,7 @@
 import shutil
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 
@@ -111,6 +112,12 @@ def test_the_selection_keeps_the_groups_and_comes_near_to_the_means() -> None:
     assert Counter(one.group for one in chosen) == {"a": 5, "b": 3}
     assert max(map(abs, find_deviations(compute_means(chosen), (None, 50.0, 50.0, None)))) < 0.02
     assert chosen == select_items(pool, {"a": 5, "b": 3}, (None, 50.0, 50.0, None), Random(0))
+
+
+def test_the_selection_has_as_many_hidden_conflicts_as_wanted() -> None:
+    pool = [replace(item(n, "a", 50.0 + n % 3), is_hidden=n % 5 == 0) for n in range(40)]
+    chosen = select_items(pool, {"a": 10}, (None, 50.0, 50.0, None), Random(0), least_hidden=6)
+    assert sum(one.is_hidden for one in chosen) >= 6
 
 
 def test_a_candidate_is_the_same_again_and_another_with_a_secret(tmp_path: Path) -> None:
