@@ -2,7 +2,6 @@
 
 import random
 from collections.abc import Sequence
-from itertools import pairwise
 
 import pytest
 import shapely
@@ -18,12 +17,10 @@ from mdrive_sumo.generate.hard import (
 )
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily, load_network
 from mdrive_sumo.generate.rejection import ProposalRejected
-from mdrive_sumo.roads import find_lane_path
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle, CarFollowing
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.worlds.placement.cavs import NoRoomError
-from mdrive_sumo.worlds.streams.lane_flows import MIXED, TrafficFlow, build_flows
 
 FAMILIES: Sequence[ScenarioFamily] = (
     priority_crossings.AMBULANCE_FAMILIES[0],
@@ -78,17 +75,6 @@ def test_no_vehicle_of_a_flow_starts_right_before_or_behind_a_cav() -> None:
                 box_corners(ego.start.x, ego.start.y, ego.start.yaw, 4.9 + 2.0 * ego.start_speed, 2.0)
             )
             assert not box.contains(rear) and not box.contains(front), (vehicle.id, ego.id)
-
-
-def test_a_flow_has_its_mean_and_keeps_its_headway() -> None:
-    roads = load_network("hard_motorway_merge")
-    lanes = find_lane_path(roads, "main_0", "after_0")
-    flow = TrafficFlow(lanes, 900.0, MIXED, is_entering=True)
-    vehicles = build_flows(roads, (flow,), "seed", (), duration_s=3600.0)
-    assert len(vehicles) == pytest.approx(900.0, rel=0.15)
-    times = [one.depart_s for one in vehicles]
-    assert all(after - before > 1.6 for before, after in pairwise(times))
-    assert {one.driving.max_speed for one in vehicles} == {None, 24.0, 30.0}
 
 
 def test_a_truck_keeps_its_governed_speed_and_fast_departures_are_on_time() -> None:
