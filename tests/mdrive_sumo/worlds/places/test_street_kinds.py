@@ -1,24 +1,18 @@
 """Streets, roads and motorways: what was drawn stays the same bytes, is sound and drivable, and keeps to its limits."""
 
 import hashlib
-import math
-import random
 from functools import lru_cache
 from pathlib import Path
 from tempfile import mkdtemp
 
-import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from testing.place_traffic import drive_traffic, list_ways
 
-from mdrive_sumo.core.geometry import build_polyline, wrap_angle, wrap_angles
+from mdrive_sumo.core.geometry import build_polyline, wrap_angle
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.worlds.network_features import extract_features
 from mdrive_sumo.worlds.places import Place, check_place, draw_place, write_place
-from mdrive_sumo.worlds.places.alignment import compute_least_radius, draw_bends, trace_axis
 from mdrive_sumo.worlds.places.place_kinds import STREET_KINDS
 
 GOLDEN: dict[str, str] = {
@@ -154,21 +148,3 @@ def test_a_motorway_of_one_carriageway_is_a_highway_for_generation(kind: str) ->
     features = extract_features(draw_roads(kind, 1))
     assert features.topology == "highway"
     assert features.on_ramp == (kind in {"motorway_merge", "motorway_weave"})
-
-
-@given(seed=st.integers(0, 10_000), limit=st.sampled_from([30, 50, 70, 100, 130]), share=st.floats(0.1, 1.0))
-@settings(max_examples=30)
-def test_bends_are_no_tighter_than_the_limit_allows(seed: int, limit: int, share: float) -> None:
-    pieces = draw_bends(random.Random(seed), 500.0, limit, share)
-    assert all(radius == 0.0 or abs(radius) >= compute_least_radius(limit) for _, radius in pieces)
-    assert 400.0 < math.fsum(length for length, _ in pieces) < 520.0
-    line = trace_axis((3.0, 4.0), 0.5, pieces)
-    assert line.length == pytest.approx(math.fsum(length for length, _ in pieces), rel=1e-3)
-    assert np.abs(wrap_angles(np.diff(line.yaws))).max(initial=0.0) < 0.25
-
-
-@pytest.mark.parametrize(
-    ("limit", "radius"), [(30, 27.3), (50, 115.8), (60, 123.2), (80, 252.0), (100, 437.4), (120, 755.9)]
-)
-def test_least_radii_are_those_of_the_guideline(limit: float, radius: float) -> None:
-    assert compute_least_radius(limit) == pytest.approx(radius, abs=0.5)
