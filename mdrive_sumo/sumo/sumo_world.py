@@ -35,9 +35,9 @@ _position, _angle, _speed = _raw.vehicle_getPosition, _raw.vehicle_getAngle, _ra
 _light_state = _raw.trafficlight_getRedYellowGreenState
 """libsumo's functions without the Python wrappers, which double their time; called for every vehicle and tick."""
 ROLLING = (Kind.VEHICLE, Kind.CYCLIST)
-KERB_SHIFT_M = 0.8
-"""[m] From the middle of a lane for cars to the line on which cyclists ride: half a metre to a metre from the kerb in
-lanes of 2.75 to 3.5 m (ERA 2010)."""
+KERB_SHIFT_M = 0.55
+"""[m] From the middle of a lane for cars to the line on which cyclists ride: as far to the side as they are within the
+strip of 1.8 m in which SUMO's drivers see ghosts (`ghost_placement.CORRIDOR_M`)."""
 
 
 class SumoWorld:

@@ -75,4 +75,4 @@ def _draw_way(roads: RoadMap, lane: Lane, demand: TrafficDemand, rng: random.Ran
         passed.add(lane.id)
         if not lane.junction:
             edges.append(lane.edge)
-    return Way(tuple(edges), True)
+    return Way(tuple(edges), keeps_lane=True, fits_large=False)

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from mdrive_sumo.core import portable
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
-from mdrive_sumo.worlds.traffic.lane_walk import draw_way, find_entries
+from mdrive_sumo.worlds.traffic.lane_walk import Way, draw_way, find_entries
 from mdrive_sumo.worlds.traffic.occupancy import TakenGround, build_lane_box
 from mdrive_sumo.worlds.traffic.traffic_demand import TrafficDemand
-from mdrive_sumo.worlds.traffic.vehicle_classes import LARGE, LARGE_LANE_M, VEHICLE_CLASSES, build_vehicle
+from mdrive_sumo.worlds.traffic.vehicle_classes import LARGE, VEHICLE_CLASSES, build_vehicle
 
 LEAST_HEADWAY_S = 1.8
 """[s] Least time between two vehicles of a stream: SUMO's drivers keep 1 s and 2.5 m, heavy ones 1.4 s."""
@@ -40,11 +40,14 @@ def is_street(lane: Lane) -> bool:
     return not lane.junction and lane.speed_limit <= STREET_MPS
 
 
-def draw_class(demand: TrafficDemand, lane: Lane, rng: random.Random) -> str:
-    """Return the name of a class that may drive on a lane."""
-    fits = lane.width >= LARGE_LANE_M
-    weights = [0.0 if name in LARGE and not fits else weight for name, weight in demand.classes.items()]
-    return rng.choices(list(demand.classes), weights)[0]
+def draw_class(demand: TrafficDemand, rng: random.Random) -> str:
+    """Return the name of a class."""
+    return rng.choices(list(demand.classes), list(demand.classes.values()))[0]
+
+
+def fit_class(name: str, way: Way) -> str:
+    """Return the name of the class that drives a way: vans in the place of what is too large for it."""
+    return "van" if name in LARGE and not way.fits_large else name
 
 
 def compute_start_speed(lane: Lane, room_m: float, top: float | None, ahead_mps: float = 0.0) -> float:
@@ -88,7 +91,7 @@ def _draw_queue(
 ) -> Iterator[BackgroundVehicle]:
     front = lane.centre.length - rng.uniform(*QUEUE_END_M)
     for _ in range(rng.randint(1, demand.longest_queue)):
-        name = draw_class(demand, lane, rng)
+        name = draw_class(demand, rng)
         vehicle = _place(roads, lane, name, front, 0.0, demand, taken, rng)
         if vehicle is None:
             return
@@ -103,7 +106,7 @@ def _draw_stream(
     cruise = CRUISE_SHARE * lane.speed_limit
     front, rear_ahead, ahead_mps = end - rng.random() * draw_headway(demand, rng) * cruise, end, 0.0
     while True:
-        name = draw_class(demand, lane, rng)
+        name = draw_class(demand, rng)
         kind = VEHICLE_CLASSES[name]
         if front < kind.length + FIRST_FRONT_M:
             return
@@ -136,7 +139,7 @@ def _place(
     taken.take(box)
     way = draw_way(roads, lane.id, demand.turn_shares, rng)
     fields = {"depart_lane": lane.index, "depart_pos_m": round(front, 2), "depart_speed": speed}
-    return build_vehicle(name, way.edges, keeps_lane=way.keeps_lane and is_street(lane), **fields)
+    return build_vehicle(fit_class(name, way), way.edges, keeps_lane=way.keeps_lane and is_street(lane), **fields)
 
 
 def draw_entering(
@@ -147,7 +150,7 @@ def draw_entering(
         lane = roads.lanes[id_]
         depart_s = rng.random() * draw_headway(demand, rng) + LEAST_HEADWAY_S
         while depart_s < demand.entry_s:
-            name = draw_class(demand, lane, rng)
+            name = draw_class(demand, rng)
             kind = VEHICLE_CLASSES[name]
             front = round(kind.length + FIRST_FRONT_M, 2)
             if front > lane.centre.length:
@@ -158,7 +161,7 @@ def draw_entering(
             way = draw_way(roads, id_, demand.turn_shares, rng)
             speed = compute_start_speed(lane, lane.centre.length - front, kind.driving.max_speed)
             yield build_vehicle(
-                name,
+                fit_class(name, way),
                 way.edges,
                 depart_s=round(depart_s, 2),
                 depart_lane=lane.index,

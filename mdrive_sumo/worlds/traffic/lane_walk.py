@@ -7,11 +7,18 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
-from mdrive_sumo.core.geometry import wrap_angle
+import numpy as np
+
+from mdrive_sumo.core.geometry import wrap_angle, wrap_angles
 from mdrive_sumo.roads import Lane, RoadMap
 
 STRAIGHT_RAD, U_TURN_RAD = math.radians(35), math.radians(145)
 """As `lane_routes` classifies turns."""
+LARGE_LANE_M = 3.0
+"""[m] Least width of a lane for trucks and buses: RASt 06 builds carriageways for buses of lanes of 3.0 m or more."""
+LARGE_M, BEND_RAD = 12.0, 0.2
+"""[m], [rad] A bus of 12 m on a bend that turns by 0.2 rad along it (a radius of 60 m) cuts the corner by 0.3 m, which
+is what a lane of 3.2 m leaves beside it."""
 LONGEST_M = 1500.0
 """[m] A way ends after this: a vehicle at 50 km/h drives it in 108 s, longer than an episode."""
 
@@ -84,16 +91,35 @@ def changes_lanes(roads: RoadMap, lanes: Sequence[str]) -> bool:
 
 
 class Way(NamedTuple):
-    """A way through a network: its edges, and whether its lanes lead along them without a lane change."""
+    """A way through a network."""
 
     edges: tuple[str, ...]
     keeps_lane: bool
+    """Whether its lanes lead along the edges without a lane change."""
+    fits_large: bool
+    """Whether trucks and buses stay on its lanes: none is narrow or bent."""
 
 
 def draw_way(roads: RoadMap, first: str, turn_shares: Mapping[str, float], rng: random.Random) -> Way:
     """Return the way of a vehicle that departs on a lane, see `draw_lane_chain`."""
     lanes = draw_lane_chain(roads, first, turn_shares, rng)
-    return Way(list_edges(roads, lanes), not changes_lanes(roads, lanes))
+    fits = _find_fitting(roads)
+    return Way(list_edges(roads, lanes), not changes_lanes(roads, lanes), fits.issuperset(lanes))
+
+
+@lru_cache(maxsize=32)
+def _find_fitting(roads: RoadMap) -> frozenset[str]:
+    """Return the lanes on which trucks and buses stay, and all lanes inside junctions, which are wide."""
+    return frozenset(
+        lane.id for lane in roads.driving if lane.junction or (lane.width >= LARGE_LANE_M and not _is_bent(lane))
+    )
+
+
+def _is_bent(lane: Lane) -> bool:
+    """Return whether a long vehicle would leave a lane at the inside of a bend."""
+    stations = np.arange(0.0, max(lane.centre.length - LARGE_M, 0.0) + 1.0, 4.0)
+    turned = wrap_angles(lane.centre.yaws_at(stations + LARGE_M) - lane.centre.yaws_at(stations))
+    return bool(np.abs(turned).max() > BEND_RAD)
 
 
 @lru_cache(maxsize=32)

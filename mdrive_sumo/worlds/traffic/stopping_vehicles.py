@@ -9,7 +9,7 @@ from mdrive_sumo.worlds.traffic.driving_vehicles import FIRST_FRONT_M, compute_s
 from mdrive_sumo.worlds.traffic.lane_walk import draw_way
 from mdrive_sumo.worlds.traffic.occupancy import TakenGround, build_lane_box
 from mdrive_sumo.worlds.traffic.traffic_demand import TrafficDemand
-from mdrive_sumo.worlds.traffic.vehicle_classes import VEHICLE_CLASSES, build_vehicle
+from mdrive_sumo.worlds.traffic.vehicle_classes import LARGE, VEHICLE_CLASSES, build_vehicle
 
 DWELL_S = (8.0, 30.0)
 """[s] Time for which a bus stands at a stop (TCRP Report 165: 10 to 60 s are usual, 30 s typical of a busy stop)."""
@@ -72,11 +72,11 @@ def _place_stopping(
     box = build_lane_box(roads, lane.id, front, (kind.length, kind.width))
     if front < kind.length + FIRST_FRONT_M or taken.is_kept_free(lane.id, front - kind.length, front):
         return
-    if not taken.is_free(box):
+    way = draw_way(roads, lane.id, demand.turn_shares, rng)
+    if not taken.is_free(box) or (name in LARGE and not way.fits_large):
         return
     taken.take(box)
     taken.keep_free([(lane.id, max(front - kind.length - BLOCK_BEHIND_M, 0.0), front)])
     stop = {"edge": lane.edge, "lane": lane.index, "pos_m": round(stop_m, 2), "duration_s": round(stands_s, 2)}
-    way = draw_way(roads, lane.id, demand.turn_shares, rng)
     fields = {"depart_lane": lane.index, "depart_pos_m": round(front, 2), "depart_speed": speed}
     yield build_vehicle(name, way.edges, stops=[stop], keeps_lane=way.keeps_lane, **fields)

@@ -30,9 +30,7 @@ VEHICLE_CLASSES: Mapping[str, VehicleClass] = {
 accelerate less, motorcycles more, and drivers are more even than SUMO's (sigma 0.5), so that less of an outcome is
 chance: chosen."""
 LARGE = frozenset({"truck", "bus"})
-"""Their boxes cut corners: they drive on lanes of `LARGE_LANE_M` only."""
-LARGE_LANE_M = 3.0
-"""[m] Least width of a lane for trucks and buses: RASt 06 builds carriageways for buses of lanes of 3.0 m or more."""
+"""Their boxes cut corners: they drive on ways that fit them only."""
 
 
 def build_vehicle(class_name: str, edges: tuple[str, ...], **fields: object) -> BackgroundVehicle:

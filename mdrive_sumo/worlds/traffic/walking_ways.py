@@ -52,7 +52,7 @@ def find_zebra_crossings(roads: RoadMap) -> tuple[Crossing, ...]:
 def _build_lane_area(roads: RoadMap) -> shapely.Geometry:
     """Return the area of all lanes."""
     lines = [shapely.LineString(lane.centre.xy) for lane in (*roads.driving, *roads.cycle_lanes.values())]
-    widths = [lane.width / 2 - 0.2 for lane in (*roads.driving, *roads.cycle_lanes.values())]
+    widths = [lane.width / 2 for lane in (*roads.driving, *roads.cycle_lanes.values())]
     area = shapely.union_all(shapely.buffer(lines, widths, cap_style="flat"))
     shapely.prepare(area)
     return area
@@ -133,7 +133,7 @@ def find_crossing_at(roads: RoadMap, k: int, station: float) -> Crossing | None:
         offsets = np.arange(0.0, WIDEST_M + way.width, PROBE_M)
         points = np.column_stack((x + offsets * dx, y + offsets * dy))
         near = roads.find_nearest_lanes(points)
-        on_road = near.distance < roads.lane_width[near.lane] / 2
+        on_road = shapely.contains_xy(_build_lane_area(roads), points)
         if not on_road[: round((way.width + 4.0) / PROBE_M)].any() or roads.in_junction[near.lane[on_road]].any():
             continue
         first, last = int(np.argmax(on_road)), len(on_road) - 1 - int(np.argmax(on_road[::-1]))

@@ -95,7 +95,7 @@ def test_a_cyclist_rides_at_the_kerb_side_and_is_one(roads: RoadMap) -> None:
     frames = list(drive(scenario(rider), roads, 6.0))
     assert {int(kind) for one in frames for kind in one.kind} == {int(Kind.CYCLIST)}
     rows = np.array([of(one, "rider") for one in frames])
-    assert rows[:, 1] == pytest.approx(LANE_Y - 0.8, abs=0.05)
+    assert rows[:, 1] == pytest.approx(LANE_Y - 0.55, abs=0.02)
     assert rows[:, 3].max() < 5.6
 
 

@@ -7,16 +7,15 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from testing.drawn_drives import place_roads, scenario_of
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
-from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.checks import check_scenario
-from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, GapTrigger, PathMotion
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
-from mdrive_sumo.worlds.places import draw_place, write_place
 from mdrive_sumo.worlds.traffic import DEMANDS, Traffic, TrafficDemand, draw_traffic, find_demand
 
 NETWORKS = ("town_crossing", "city_corridor", "motorway", "old_town")
@@ -31,29 +30,12 @@ def roads_of(name: str) -> RoadMap:
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, int], RoadMap]:
     folder: Path = tmp_path_factory.mktemp("places")
-    return {
-        (kind, seed): load_road_map(write_place(draw_place(kind, seed), folder / f"{kind}{seed}"))
-        for kind, seed in PLACES
-    }
+    return {(kind, seed): place_roads(kind, seed, folder) for kind, seed in PLACES}
 
 
 def drawn(roads: RoadMap, demand: str | TrafficDemand, seed: int, *egos: Ego) -> Traffic:
     wanted = find_demand(demand) if isinstance(demand, str) else demand
     return draw_traffic(roads, egos, (), wanted, random.Random(seed))
-
-
-def scenario(roads: RoadMap, traffic: Traffic, *egos: Ego) -> Scenario:
-    """The traffic as a scenario, with a CAV that is far away where none is given."""
-    far = Ego(id="far", start=Pose(x=9e4, y=0, yaw=0), lanes=("x",), route=((9e4, 0, 0), (9e4 + 1, 0, 0)))
-    return Scenario(
-        id="drawn",
-        bucket="Test",
-        category="test",
-        network=roads.name,
-        egos=egos or (far,),
-        background=Background(vehicles=traffic.vehicles),
-        actors=traffic.actors,
-    )
 
 
 @cache
@@ -80,7 +62,7 @@ def test_the_same_seed_draws_the_same_traffic_and_another_one_other_traffic(name
 def test_nothing_overlaps_at_the_start_and_cavs_have_room(name: str, seed: int) -> None:
     roads, ego = roads_of(name), ego_on(name)
     for demand in ("town-busy", "arterial"):
-        some = scenario(roads, drawn(roads, demand, seed, ego), ego)
+        some = scenario_of(roads, drawn(roads, demand, seed, ego), ego)
         check_scenario(some, roads)
         assert list(find_spawn_overlaps(some, roads)) == []
         assert len(some.background.vehicles) > 5
@@ -89,7 +71,7 @@ def test_nothing_overlaps_at_the_start_and_cavs_have_room(name: str, seed: int) 
 @pytest.mark.parametrize("seed", range(3))
 def test_nothing_overlaps_at_the_start_on_drawn_places(places: dict[tuple[str, int], RoadMap], seed: int) -> None:
     for roads in places.values():
-        some = scenario(roads, drawn(roads, "town-busy", seed))
+        some = scenario_of(roads, drawn(roads, "town-busy", seed))
         assert list(find_spawn_overlaps(some, roads)) == []
 
 
