@@ -1,27 +1,26 @@
 """What stands beside the edges of a draft: houses, hedges, walls, trees; never on a road or in a sight triangle."""
 
-import math
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.worlds.places.alignment import buffer_line, cut_line, find_point, shift_line
 from mdrive_sumo.worlds.places.draft_edge import DraftEdge
 from mdrive_sumo.worlds.places.network_draft import NetworkDraft
+from mdrive_sumo.worlds.places.sight_triangles import EYE_M, compute_leg
 from mdrive_sumo.worlds.places.street_houses import HouseRows
 from mdrive_sumo.worlds.places.street_spine import Spine
 
-SIGHT_LEG_M: Mapping[int, float] = {30: 30.0, 40: 50.0, 50: 70.0, 60: 85.0, 70: 110.0}
-"""Length of a sight triangle along the road with priority by its limit [km/h] (RASt 06, section 6.3.9.3)."""
+URBAN_LIMIT_KMH = 70.0
+"""[km/h] Largest limit of the guideline for urban roads, whose sight triangles `compute_leg` knows."""
 RURAL_SIGHT_M = 200.0
-"""[m] Its length at 80 km/h and more (RAL 2012, section 6.6.3: 200 m at 100 km/h); chosen for all of them."""
-EYE_SETBACK_M = 3.0
-"""[m] From the edge of the road with priority to the eyes of a driver who waits at it (RASt 06, there)."""
+"""[m] Length of a sight triangle at 80 km/h and more (RAL 2012, section 6.6.3: 200 m at 100 km/h; chosen for all)."""
 SIGHT_MARGIN_M = 2.0
 """[m] Beside the lines of sight to the axis: half of a lane, since vehicles do not drive on the axis."""
 LEAST_HOUSE_M = 5.0
@@ -108,9 +107,9 @@ class Roadside:
 def build_block(line: Polyline, station: float, length: float, right_m: float, depth: float) -> Float:
     """Return a rectangle (4, 2) [m] to the right of a line, its nearest side along the chord of that part."""
     a, b = np.array(line.at(station)), np.array(line.at(station + length))
-    ahead = (b - a) / max(math.sqrt(float(((b - a) ** 2).sum())), 1e-6)
+    ahead = (b - a) / max(portable.hypot(float(b[0] - a[0]), float(b[1] - a[1])), 1e-6)
     right = np.array((ahead[1], -ahead[0]))
-    bulge = max(float((np.array(line.at(station + length * k / 4)) - a) @ right) for k in range(5))
+    bulge = max(float(portable.dot(np.array(line.at(station + length * k / 4)) - a, right)) for k in range(5))
     near, far = right * (right_m + bulge), right * (right_m + bulge + depth)
     return np.array((a + near, a + length * ahead + near, a + length * ahead + far, a + far))
 
@@ -119,7 +118,7 @@ def build_box(line: Polyline, station: float, left_m: float, length: float, widt
     """Return a rectangle (4, 2) [m] around a point beside a line, along it."""
     x, y = find_point(line, station, left_m)
     ahead = np.array(find_point(line, station + 1.0, left_m)) - np.array((x, y))
-    ahead /= math.sqrt(float((ahead**2).sum()))
+    ahead /= portable.hypot(float(ahead[0]), float(ahead[1]))
     left = np.array((-ahead[1], ahead[0]))
     corners = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
     return np.array([(x, y) + a * length / 2 * ahead + b * width / 2 * left for a, b in corners])
@@ -133,10 +132,10 @@ def find_kerb(edge: DraftEdge) -> Polyline:
 def list_sight_triangles(spine: Spine, limit_kmh: float) -> Iterator[BaseGeometry]:
     """Return the sight triangles of the side streets that give way: at those with signals, drivers need not see.
 
-    A driver whose eyes are `EYE_SETBACK_M` before the edge of the main road sees along it as far as the guideline asks.
+    A driver whose eyes are `EYE_M` before the edge of the main road sees along it as far as the guideline asks.
     """
     plan = spine.plan
-    leg_m = next((leg for kmh, leg in SIGHT_LEG_M.items() if kmh >= limit_kmh - 1e-6), RURAL_SIGHT_M)
+    leg_m = compute_leg(limit_kmh / 3.6) if limit_kmh <= URBAN_LIMIT_KMH else RURAL_SIGHT_M
     half = max(sum(lane.width_m for lane in edge.lanes if lane.use != "walk") for edge in spine.list_main_edges())
     for joint in (joint for joint in plan.joints if joint.type != "traffic_light"):
         ways = [
@@ -145,7 +144,7 @@ def list_sight_triangles(spine: Spine, limit_kmh: float) -> Iterator[BaseGeometr
         ]
         for arm in joint.arms:
             inward = spine.arms[arm.id][0]
-            eye = find_point(inward.line, inward.line.length - half - EYE_SETBACK_M, -arm.half.lane_m / 2)
+            eye = find_point(inward.line, inward.line.length - half - EYE_M, -arm.half.lane_m / 2)
             for way in ways:
                 yield shapely.make_valid(shapely.Polygon([eye, *way.xy.tolist()])).buffer(SIGHT_MARGIN_M)
 
