@@ -3,6 +3,7 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from random import Random
 from typing import Literal
 
 from mdrive_sumo.core.atomic_folder import check_new_folder
@@ -10,8 +11,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
 from mdrive_sumo.roads.network_file import NETWORK_FILE
-from mdrive_sumo.scenario.scenario import SpeedRule
+from mdrive_sumo.scenario.scenario import Scenario, SpeedRule
 from mdrive_sumo.scenario.weather import WeatherName
+from mdrive_sumo.worlds.authoring.drawn_scenario import draw_scenario
 from mdrive_sumo.worlds.authoring.scenario_builder import ScenarioBuilder
 from mdrive_sumo.worlds.places import PLACES_VERSION, Place, draw_place, write_place
 from mdrive_sumo.worlds.places.place_parameters import Value
@@ -52,6 +54,16 @@ class World:
     ) -> ScenarioBuilder:
         """Begin a scenario on this network: add road users, then `build()` or `save(folder)` it."""
         return ScenarioBuilder(id, self.roads, category, description, signals, speeds, weather)
+
+    def scenario(self, seed: int | str = 0, *, cavs: int = 3, demand: str = "town-quiet", id: str = "") -> Scenario:
+        """Return a drawn scenario: CAVs that meet at a junction, people who cross their routes, and traffic.
+
+        The same network, seed, number of CAVs and demand give the same scenario on every machine. id: "" for the
+        name of the network and the seed. Raises InputError if the network has no room for so many.
+        """
+        draft = self.new_scenario(id or f"{self.name}_{seed}"[:80], category="drawn")
+        draw_scenario(draft, cavs, demand, Random(f"{self.name}/{seed}/{cavs}/{demand}"))
+        return draft.build()
 
 
 def draw(place: str = "crossing", seed: int | str = 0, folder: str | Path | None = None, **parameters: Value) -> World:

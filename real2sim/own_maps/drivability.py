@@ -17,8 +17,8 @@ GAP_M = 1.5
 """[m] Between the end of a lane and the begin of its successor: points of a route are at most this far apart."""
 BEND_M = 3.0
 """[m] Stretch over which a bend is measured: that of the checks of packaged suites."""
-U_TURN_RAD = 2.6
-"""[rad] Of 150 degrees: a lane that turns by more leads back."""
+U_TURN_RAD = 2.2
+"""[rad] Of 126 degrees: a lane that turns by more leads back."""
 LEAST_RADIUS_M = 4.5
 """[m] A tighter bend is a kink, which no car drives."""
 

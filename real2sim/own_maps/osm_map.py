@@ -66,7 +66,7 @@ def _check_roads(source: MapFile) -> None:
     if not ways:
         raise InputError(
             f"{source.path}: expected roads (ways with highway=residential, primary, ...), found none among"
-            f" {sum(1 for _ in source.root.iter('way'))} ways"
+            f" {sum(1 for _ in source.root.iter('way'))} ways{_suggest_lanelet2(source.root)}"
         )
     used = {nd.get("ref") for way in ways for nd in way.iter("nd")}
     degrees = np.array(
@@ -86,6 +86,12 @@ def _check_roads(source: MapFile) -> None:
             f"{source.path}: expected roads within {MAX_EXTENT_DEG:g} degree of each other, found {extent:.2f}; cut a"
             " smaller part out, such as 500 m around a junction"
         )
+
+
+def _suggest_lanelet2(root: Element) -> str:
+    """Say where maps of lanelets are read, which have the same form."""
+    is_lanelet2 = any(tag.get("v") == "lanelet" for tag in root.iter("tag"))
+    return "; this is a Lanelet2 map, which the sources `interaction` and `levelx` read" if is_lanelet2 else ""
 
 
 def _get_tags(element: Element) -> dict[str, str]:

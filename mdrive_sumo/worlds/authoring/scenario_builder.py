@@ -9,7 +9,7 @@ from typing import Literal, cast
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.roads import RoadMap, Route
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario, SpeedRule, describe_first_error
@@ -63,6 +63,17 @@ class ScenarioBuilder:
     _traffic: tuple[TrafficDemand, int] | None = field(default=None, init=False, repr=False)
     _names: set[str] = field(default_factory=set[str], init=False, repr=False)
 
+    @property
+    def egos(self) -> tuple[Ego, ...]:
+        """The CAVs that were added."""
+        return tuple(self._egos)
+
+    def clear(self) -> None:
+        """Remove all road users."""
+        for added in (self._egos, self._vehicles, self._actors, self._rsus, self._names):
+            added.clear()
+        self._traffic = None
+
     def add_cav(
         self, route: RouteSteps, id: str = "", *, start_speed: float = 0.0, time_limit_s: float | None = None
     ) -> str:
@@ -72,6 +83,18 @@ class ScenarioBuilder:
             ego = build_ego(name, build_route(self.roads, route), start_speed)
             self._egos.append(Ego.model_validate({**dict(ego), "time_limit_s": time_limit_s}))
         return self._keep(name)
+
+    def add_route(self, route: Route, id: str = "") -> str:
+        """Add a CAV on a dense route of `roads.routing`."""
+        name = self._name("cav", id)
+        with _Sentence(self.id, name):
+            self._egos.append(build_ego(name, route))
+        return self._keep(name)
+
+    def add_actor(self, actor: Actor) -> str:
+        """Add a scripted road user that was built elsewhere, under its own id."""
+        self._actors.append(actor)
+        return self._keep(self._name(actor.kind, actor.id))
 
     def add_vehicle(
         self, route: RouteSteps, id: str = "", *, model: VehicleModel = "car", speed: float = 0.0, depart_s: float = 0.0

@@ -46,7 +46,8 @@ def _copy_network(roads: RoadMap, target: Path) -> None:
     if (target / NETWORK_FILE).exists():
         if read_network_file(target) != read_network_file(roads.folder):
             raise InputError(
-                f"{target}: expected the network {roads.name} of this scenario, found another one of its name"
+                f"{target}: expected the network {roads.name} of this scenario, found another one of its name;"
+                " `convert network --name` gives a network another name"
             )
         return
     make_folder(target)
