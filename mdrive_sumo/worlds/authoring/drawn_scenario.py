@@ -23,9 +23,9 @@ RUN_UP_M = (18.0, 45.0)
 RUN_OUT_M = (20.0, 40.0)
 """[m] From the junction to the goal."""
 MOST_CROSSING = 2
-"""People who cross the routes of CAVs: 0 to this."""
+"""People who cross the routes of CAVs: from 0 to this number."""
 HIDDEN_SHARE = 0.5
-"""Share of them whom a parked vehicle hides."""
+"""Share of those that stand behind a parked vehicle."""
 
 
 def draw_scenario(draft: ScenarioBuilder, cavs: int, demand: str, rng: Random) -> None:
