@@ -49,7 +49,7 @@ R = TypeVar("R")
 def draw_bucket(request: BucketRequest) -> None:
     """Record, convert, select and write; raise InputError."""
     wanted = split_count(request.count)
-    with open_journal(request.work, request.seed.describe() | {"bucket": "v2xpnp"}, fresh=False) as journal:
+    with open_journal(request.work, request.fingerprint, fresh=False) as journal:
         known = {str(line["id"]): line for line in journal.results}
         tasks = _build_tasks(request, wanted)
         logs = _run_all(record_log, "log", tasks, request, journal, known)

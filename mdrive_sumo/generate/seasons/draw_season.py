@@ -17,10 +17,10 @@ from mdrive_sumo.generate.seasons.season_plan import list_selections
 from mdrive_sumo.generate.seasons.season_search import SeasonProgress, SeasonSearch, select_season
 from mdrive_sumo.generate.seasons.season_seed import SeasonSeed
 from mdrive_sumo.roads.netconvert import find_netconvert
-from mdrive_sumo.runs.journal import open_journal
+from mdrive_sumo.runs.journal import JOURNAL_FILE, open_journal, read_fingerprint
 from mdrive_sumo.scenario.scenario import Scenario, load_scenario
 from mdrive_sumo.scenario.statistics import PAPER
-from mdrive_sumo.scenario.suite import NETWORKS_FOLDER, Suite, SuiteFile, load_suite, save_suite
+from mdrive_sumo.scenario.suite import NETWORKS_FOLDER, SUITE_FILE, Suite, SuiteFile, load_suite, save_suite
 
 BUCKETS: Final = ("interdrive", "interaction", "v2xpnp")
 WHOLE: Final = "mdrive"
@@ -48,20 +48,35 @@ class SeasonRequest:
         """Return the folder of what an interrupted search continues with."""
         return self.out.with_name(f"{self.out.name}.work")
 
+    def describe(self, bucket: str) -> dict[str, str | int]:
+        """Return what makes two searches of a bucket the same, see `runs.journal`."""
+        return self.seed.describe() | {"bucket": bucket, "per_group": self.per_group or 0}
+
 
 def draw_season(request: SeasonRequest, progress: SeasonProgress) -> list[Suite]:
     """Draw buckets of a season and, once all are there, the suite of them all. Raises InputError.
 
     Each suite's folder appears when it is complete. An interrupted search continues in the work folder.
     """
-    for bucket in request.buckets:
+    missing = [bucket for bucket in request.buckets if not _is_done(request, bucket)]
+    for bucket in missing:
         check_new_folder(request.out / bucket)
     find_netconvert()
     make_folder(request.work, may_be_link=True)
-    suites = [_draw_bucket(request, bucket, progress) for bucket in request.buckets]
-    if all((request.out / bucket / "suite.json").is_file() for bucket in BUCKETS):
+    suites = [
+        _draw_bucket(request, bucket, progress) if bucket in missing else load_suite(str(request.out / bucket))
+        for bucket in request.buckets
+    ]
+    if all((request.out / bucket / SUITE_FILE).is_file() for bucket in BUCKETS):
         suites.append(_write_whole(request))
     return suites
+
+
+def _is_done(request: SeasonRequest, bucket: str) -> bool:
+    """Return whether an earlier try of the same season wrote a bucket."""
+    if not all(path.is_file() for path in (request.out / bucket / SUITE_FILE, request.work / bucket / JOURNAL_FILE)):
+        return False
+    return read_fingerprint(request.work / bucket) == request.describe(bucket)
 
 
 def _draw_bucket(request: SeasonRequest, bucket: str, progress: SeasonProgress) -> Suite:
@@ -71,10 +86,12 @@ def _draw_bucket(request: SeasonRequest, bucket: str, progress: SeasonProgress) 
         count = min(PAPER[bucket].scenarios, request.per_group or PAPER[bucket].scenarios)
         with atomic_folder(folder) as draft:
             find_bucket_drawer(bucket)(
-                BucketRequest(request.seed, about, draft, work, count, request.workers, progress.note)
+                BucketRequest(
+                    request.seed, request.describe(bucket), about, draft, work, count, request.workers, progress.note
+                )
             )
         return load_suite(str(folder))
-    with open_journal(work, request.seed.describe() | {"bucket": bucket}, fresh=False) as journal:
+    with open_journal(work, request.describe(bucket), fresh=False) as journal:
         search = SeasonSearch(request.seed, work, journal, progress)
         selections = list_selections(bucket, request.per_group)
         search.run([group for selection in selections for group in selection.groups], request.workers)

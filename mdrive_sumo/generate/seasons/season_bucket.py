@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.seasons.season_seed import SeasonSeed
+from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.scenario.suite import SuiteFile
 
 ENTRY_POINTS = "mdrive_sumo.season_buckets"
@@ -18,6 +19,8 @@ class BucketRequest:
     """A bucket to draw."""
 
     seed: SeasonSeed
+    fingerprint: Fingerprint
+    """What makes two tries the same, for a journal in the work folder."""
     about: SuiteFile
     """`suite.json` without its checksum."""
     folder: Path

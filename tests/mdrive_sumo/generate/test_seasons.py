@@ -161,6 +161,10 @@ def test_a_season_is_drawn_continued_and_rebuilt(tmp_path: Path) -> None:
     assert (tmp_path / "first.work" / "interdrive" / "journal.jsonl").read_bytes() == before
     assert contents(first) == contents(again)
 
+    drawn = command("generate", "--season", 7, "--bucket", "interdrive", "--out", first)
+    assert drawn.exit_code == 0 and "continuing" not in drawn.output  # what is there is not drawn again
+    assert contents(first) == contents(again)
+
     told = command("generate", "--rebuild", first / "interdrive")
     assert told.exit_code == 0 and told.output.startswith("1 of 1 scenarios are as their recipes make them")
     told = command("generate", "--rebuild", first / "interdrive", "--out", tmp_path / "rebuilt")

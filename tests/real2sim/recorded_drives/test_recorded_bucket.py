@@ -70,7 +70,9 @@ def drawn(folder: Path) -> Path:
     out = folder / "v2xpnp"
     out.mkdir(parents=True)
     about = SuiteFile(name="v2xpnp", title="test", season=7)
-    draw_bucket(BucketRequest(SeasonSeed(7), about, out, folder / "work", 1, 2, lambda _: None))
+    draw_bucket(
+        BucketRequest(SeasonSeed(7), SeasonSeed(7).describe(), about, out, folder / "work", 1, 2, lambda _: None)
+    )
     return out
 
 
