@@ -145,7 +145,8 @@ def _draw_junction(parameters: CorridorParameters, axis: Polyline, k: int, stati
             SideArm(f"{'left' if side > 0 else 'right'}_{k}", heading, tuple(pieces), half, 30 / 3.6, sign, priority)
         )
     names = [arm.id for arm in arms]
-    zebras = ("before", "after", *names) if has_signals else tuple(name for name in names if rng.random() < 0.4)
+    with_zebra = () if type_ == "right_before_left" else tuple(name for name in names if rng.random() < 0.4)
+    zebras = ("before", "after", *names) if has_signals else with_zebra
     return Joint(f"junction_{k}", station, type_, rng.uniform(7.0, 8.5), tuple(arms), zebras)
 
 

@@ -102,7 +102,7 @@ def _draw_junction(
         half = HalfSection(1, parameters.lane_m, pavement_m=parameters.pavement_m)
         name = f"{'left' if side > 0 else 'right'}_{k}"
         arms.append(SideArm(name, heading, pieces, half, parameters.limit_kmh / 3.6, priority=3))
-    return Joint(f"junction_{k}", station, "right_before_left", rng.uniform(7.5, 8.5), tuple(arms))
+    return Joint(f"junction_{k}", station, "right_before_left", rng.uniform(8.0, 9.0), tuple(arms))
 
 
 def _draw_yards(

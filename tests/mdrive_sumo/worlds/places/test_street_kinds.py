@@ -17,13 +17,13 @@ from mdrive_sumo.worlds.places.place_kinds import STREET_KINDS
 
 GOLDEN: dict[str, str] = {
     "arterial": "086d4af1a8ee75fb",
-    "corridor": "e72b7d55a5df8268",
+    "corridor": "3c3101387f9d8d63",
     "country_road": "1578c9eec90cc83c",
     "lane_drop": "f93687b99f587466",
     "motorway_exit": "b64ab8298c3f0a9a",
     "motorway_merge": "542fe39e03d2ad3d",
     "motorway_weave": "b26ae8673dcee1a9",
-    "residential_street": "a6dcd58ba7e30c01",
+    "residential_street": "b2b821bc0a77004b",
     "works_zone": "1bd43abf2d21a763",
 }
 """Checksum of both files of the network of each kind for seed 0: the same on every machine."""
