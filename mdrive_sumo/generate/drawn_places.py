@@ -66,6 +66,7 @@ CHOICES: Final[Mapping[tuple[Topology, bool, bool], Sequence[PlaceChoice]]] = {
     (Topology.INTERSECTION, False, False): (
         *(_choose("crossing", arms=4, control=control, main_lanes=1, side_lanes=1) for control in _RULES),
         _choose("crossing", arms=5, main_lanes=1, side_lanes=1),
+        _choose("crossing", arms=4, main_lanes=2),
         _JUNCTION_STREET[1],
     ),
     (Topology.INTERSECTION, True, False): (

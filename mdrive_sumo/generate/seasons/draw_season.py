@@ -132,6 +132,7 @@ def _write_whole(request: SeasonRequest) -> Suite:
     if seasons != {request.seed.season}:
         other = next(season for season in seasons if season != request.seed.season)
         raise InputError(f"{request.out}: expected three buckets of season {request.seed.season}, found one of {other}")
-    with atomic_folder(request.out / WHOLE) as draft:
-        save_suite(Suite(_describe_suite(request, WHOLE), draft, ()))
+    if not (request.out / WHOLE / SUITE_FILE).is_file():
+        with atomic_folder(request.out / WHOLE) as draft:
+            save_suite(Suite(_describe_suite(request, WHOLE), draft, ()))
     return load_suite(str(request.out / WHOLE))

@@ -120,6 +120,7 @@ def test_the_selection_has_as_many_hidden_conflicts_as_wanted() -> None:
     assert sum(one.is_hidden for one in chosen) >= 6
 
 
+@pytest.mark.slow
 def test_a_candidate_is_the_same_again_and_another_with_a_secret(tmp_path: Path) -> None:
     kept: dict[str, dict[str, bytes]] = {}
     for name, seed in (("one", SeasonSeed(1)), ("again", SeasonSeed(1)), ("secret", SeasonSeed(1, SECRET))):
