@@ -23,9 +23,10 @@ INTERDRIVE_COUNTS: Final = {
 """Scenarios by category and number of CAVs: those of the packaged suite, 46 with 175 CAVs as in the original."""
 LEAST_HIDDEN: Final = 15
 """Scenarios of InterDrive with an occlusion certificate: `validate` asks for 15 of 46."""
-TOWARDS_BUCKET: Final = (1.018, 0.975)
-"""Factors on routes and heading changes of Interaction: the paper's figures of the bucket (91.3 m, 55.4 deg) are not
-the means of its own table of categories (88.1 m, 58.4 deg; protocol 1.1). These factors meet both within tolerance."""
+TOWARDS_BUCKET: Final = 1.018
+"""Factor on routes of Interaction: the paper's figure of the bucket (91.3 m) is not the mean of its own table of
+categories (88.1 m; protocol 1.1). With this factor both are met within tolerance. Heading changes need none: those of
+rings and lane changes stay a little below the table's, and so does the bucket's (55.4 deg; table 58.4)."""
 OCCLUSION_CATEGORIES: Final = frozenset((Category.PRE_CRASH, Category.CROSSWALK))
 """Categories in which only scenarios with an occlusion certificate are kept."""
 POOL_FACTORS: Final = {"interdrive": 6, "interaction": 3}
@@ -95,8 +96,8 @@ def list_selections(bucket: str, per_group: int | None = None) -> Sequence[Selec
                 (SeasonGroup(bucket, category, figures.count),),
                 (
                     figures.cavs,
-                    figures.route_m * TOWARDS_BUCKET[0],
-                    figures.heading_change_deg * TOWARDS_BUCKET[1],
+                    figures.route_m * TOWARDS_BUCKET,
+                    figures.heading_change_deg,
                     figures.actors,
                 ),
             )
