@@ -108,7 +108,7 @@ def _list_links(net: Any, node: Any) -> Iterator[tuple[Any, int]]:
     time to load a network.
     """
     index = 0
-    for lane in node._incLanes:  # sumolib has no other access to their order
+    for lane in filter(None, node._incLanes):  # sumolib has no other access to their order
         for way in net.getLane(lane).getOutgoing():
             here, there = (end.getEdge().getFunction() for end in (way.getFromLane(), way.getToLane()))
             if there != "walkingarea" and (here != "walkingarea" or there == "crossing"):
