@@ -59,6 +59,11 @@ def _is_vehicle(value: str) -> bool:
     return value == "vehicle"
 
 
+def _is_zero(value: float) -> bool:
+    """Return whether a number has its default 0, which is left out of files and checksums."""
+    return value == 0.0
+
+
 def _is_false(value: bool) -> bool:
     """Return whether a flag has its default, which is left out of files and checksums."""
     return not value
@@ -104,6 +109,8 @@ class BackgroundVehicle(ScenarioPart):
     kind: Literal["vehicle", "cyclist"] = Field(default="vehicle", exclude_if=_is_vehicle)
     """A cyclist rides on cycle lanes where its edges have them, else at the kerb side of the lane for cars; e-scooters
     are cyclists."""
+    lane_offset_m: float = Field(default=0.0, ge=-1, le=1, exclude_if=_is_zero)
+    """Of its line from the middle of its lane, positive to the left: drivers do not keep to the middle, SUMO does."""
     keeps_lane: bool = Field(default=False, exclude_if=_is_false)
     """Whether it never changes lanes: then the lanes from its departure on must lead along its edges. SUMO moves a
     vehicle over within 2 s however near a standing one ahead is, so that their boxes overlap."""

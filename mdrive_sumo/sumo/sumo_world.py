@@ -68,7 +68,10 @@ class SumoWorld:
         self._tick = 0
         self._lights: tuple[str, ...] = ()
         self._frozen_signals: dict[str, str] | None = None
-        self._cyclists = frozenset(one.id for one in scenario.background.vehicles if one.kind == "cyclist")
+        vehicles = scenario.background.vehicles
+        self._cyclists = frozenset(one.id for one in vehicles if one.kind == "cyclist")
+        self._lane_offsets = {one.id: one.lane_offset_m for one in vehicles if one.lane_offset_m}
+        self._lane_offsets |= dict.fromkeys(self._cyclists, -KERB_SHIFT_M)
 
     def __enter__(self) -> Self:
         if libsumo.isLoaded():
@@ -150,8 +153,9 @@ class SumoWorld:
             driven = self._read_actors()
             if offsets := self._traffic.lane_change_offsets:
                 apply_offsets(driven, offsets)
+            if self._lane_offsets:
+                self._shift_sideways(driven)
             self._traffic.show_parked(driven)
-            self._shift_cyclists(driven)
             self._last = driven.merge(replayed)
             return build_frozen(WorldState, self._last, self._read_signals())
         except libsumo.TraCIException as error:
@@ -218,15 +222,18 @@ class SumoWorld:
         fronts = list(map(_position, ids, repeat(False)))
         return place_actors(self._template, fronts, list(map(_angle, ids)), list(map(_speed, ids)))
 
-    def _shift_cyclists(self, driven: Actors) -> None:
-        """Put cyclists who ride on lanes for cars at the kerb side, in place: SUMO has them in the middle."""
-        for name in self._cyclists.intersection(driven.ids):
-            lane = self._roads.lanes.get(libsumo.vehicle.getLaneID(name))
-            if lane is not None:
-                i = driven.ids.index(name)
-                cos, sin = portable.cos_sin(driven.yaw[i])
-                driven.x[i] += sin * KERB_SHIFT_M
-                driven.y[i] -= cos * KERB_SHIFT_M
+    def _shift_sideways(self, driven: Actors) -> None:
+        """Put vehicles on their own line in the lane, cyclists to the kerb side, in place: SUMO has all in the middle.
+
+        On cycle lanes cyclists stay in the middle.
+        """
+        for name in self._lane_offsets.keys() & set(driven.ids):
+            if name in self._cyclists and libsumo.vehicle.getLaneID(name) not in self._roads.lanes:
+                continue
+            i, offset = driven.ids.index(name), self._lane_offsets[name]
+            cos, sin = portable.cos_sin(driven.yaw[i])
+            driven.x[i] -= sin * offset
+            driven.y[i] += cos * offset
 
     def _build_template(self, present: Sequence[str]) -> Actors:
         """Return the background vehicles in SUMO (ids without a colon) with dimensions, without poses."""

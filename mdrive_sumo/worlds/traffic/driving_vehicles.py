@@ -21,6 +21,9 @@ STOP_DECEL, STOP_REACTION_S = 3.0, 1.2
 cannot stop before a junction that it may have to wait at."""
 SUMO_GAP_M, SUMO_DECEL = 2.6, 4.5
 """[m], [m/s2] Least gap of SUMO's drivers, a little more, and their braking."""
+LINE_M, FARTHEST_LINE_M = 0.25, 0.4
+"""[m] Standard deviation of drivers' lines from the middle of the lane, and where it is cut, so that a vehicle stays in
+a lane of 2.75 m: chosen. The logs of docs/traffic.md vary more."""
 QUEUE_GAP_M = (2.6, 4.0)
 """[m] Gaps of a queue that stands: SUMO's drivers stop 2.5 m behind each other; more of them is chosen."""
 QUEUE_END_M = (1.2, 2.5)
@@ -48,6 +51,12 @@ def draw_class(demand: TrafficDemand, rng: random.Random) -> str:
 def fit_class(name: str, way: Way) -> str:
     """Return the name of the class that drives a way: vans in the place of what is too large for it."""
     return "van" if name in LARGE and not way.fits_large else name
+
+
+def draw_lane_offset(name: str, way: Way, rng: random.Random) -> float:
+    """Return the line [m] on which a vehicle drives beside the middle of its lanes; large ones keep to the middle."""
+    offset = min(max(rng.gauss(0.0, LINE_M), -FARTHEST_LINE_M), FARTHEST_LINE_M)
+    return round(offset, 2) if fit_class(name, way) not in LARGE and way.keeps_lane else 0.0
 
 
 def compute_start_speed(lane: Lane, room_m: float, top: float | None, ahead_mps: float = 0.0) -> float:
@@ -139,6 +148,7 @@ def _place(
     taken.take(box)
     way = draw_way(roads, lane.id, demand.turn_shares, rng)
     fields = {"depart_lane": lane.index, "depart_pos_m": round(front, 2), "depart_speed": speed}
+    fields["lane_offset_m"] = draw_lane_offset(name, way, rng)
     return build_vehicle(fit_class(name, way), way.edges, keeps_lane=way.keeps_lane and is_street(lane), **fields)
 
 
@@ -168,5 +178,6 @@ def draw_entering(
                 depart_pos_m=front,
                 depart_speed=min(speed, round(0.6 * lane.speed_limit, 2)),
                 keeps_lane=way.keeps_lane and is_street(lane),
+                lane_offset_m=draw_lane_offset(name, way, rng),
             )
             depart_s += draw_headway(demand, rng) + kind.length / 8.0

@@ -99,6 +99,12 @@ def test_a_cyclist_rides_at_the_kerb_side_and_is_one(roads: RoadMap) -> None:
     assert rows[:, 3].max() < 5.6
 
 
+def test_a_vehicle_drives_on_its_own_line_in_the_lane(roads: RoadMap) -> None:
+    rows = np.array([of(one, "car") for one in drive(scenario(car("car", 40.0, 8.0, lane_offset_m=0.3)), roads, 3.0)])
+    assert rows[:, 1] == pytest.approx(LANE_Y + 0.3, abs=0.01)
+    assert rows[:, 2] == pytest.approx(0.0, abs=0.01)
+
+
 def test_a_vehicle_that_keeps_its_lane_waits_behind_one_that_stops(roads: RoadMap) -> None:
     stop = VehicleStop(edge="a", lane=0, pos_m=80.0, duration_s=60.0)
     some = scenario(car("van", 80.0, stops=[stop]), car("behind", 40.0, 8.0))
