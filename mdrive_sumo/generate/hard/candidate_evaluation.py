@@ -58,7 +58,7 @@ DELAY_FACTOR, DELAY_S = 2.0, 10.0
 """`omniscient` must arrive within so many times the time at the speed limit, and so many seconds for a start from a
 standstill. Where it waits longer the time limit would allow every agent to wait, and the drive costs more processor
 time."""
-KNOWN_SUITES = ("mdrive",)
+KNOWN_SUITES = ("mdrive@0",)
 """Suites whose scenarios must not be repeated."""
 
 

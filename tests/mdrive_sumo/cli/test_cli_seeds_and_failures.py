@@ -159,3 +159,14 @@ def test_fail_fast_stops_and_the_run_can_be_continued(failing: Invoke) -> None:
     assert Path("run/journal.jsonl").read_text().count('{"result"') == 3  # s0 with both seeds, then s1
     whole = failing("eval", "--out", "run", "--scenario", "s1", "--scenario", "s0", "--seeds", "2")
     assert whole.exit_code == 1 and len(load("run")["scenarios"]) == 4
+
+
+def test_compare_refuses_two_seasons_unless_told(invoke: Invoke) -> None:
+    for folder, suite in (("a", "mdrive"), ("b", "mdrive@1")):
+        invoke("eval", "--out", folder)
+        found = load(folder)
+        Path(folder, "results.json").write_text(json.dumps(found | {"run": found["run"] | {"suite": suite}}))
+    refused = invoke("compare", "a", "b")
+    assert refused.exit_code == 2 and "found mdrive@0 in A" in refused.stderr and "--mix-seasons" in refused.stderr
+    told = invoke("compare", "a", "b", "--mix-seasons")
+    assert told.exit_code == 0 and "warning: A and B differ in suite: mdrive@0 and mdrive@1" in told.stdout
