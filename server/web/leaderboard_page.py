@@ -3,14 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from markupsafe import Markup
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import SensingTrack
+from mdrive_sumo.core.checksum import SHORT_CHECKSUM
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.season import read_stored_name
 from server.api import submission_views
 from server.api.csv_format import csv_headers
 from server.api.dependencies import Services, get_now
@@ -20,6 +24,7 @@ from server.api.schemas.leaderboards import LeaderboardOut, RowOut
 from server.api.schemas.submissions import FiguresOut
 from server.enums import ChallengeTrack
 from server.store import NotFound, phases, queries, teams
+from server.store.tables import SubmissionRow
 from server.tracks import SENSING_LABELS, TRACK_LABELS
 from server.web import charts
 from server.web.board_view import COLUMNS_BESIDE, SCALAR_BY_NAME, SCALAR_COLUMNS, SORTS, BoardView, format_csv
@@ -42,6 +47,10 @@ class PhaseTab:
     public: bool
     opens_us: int
     closes_us: int
+    suite: str = ""
+    """Name of a public suite with its season; "" of a hidden one."""
+    checksum: str = ""
+    """Beginning of the checksum of the suite of the latest submission; "" before the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,9 +177,23 @@ def _default_tab(tabs: Sequence[PhaseTab], at_us: int) -> PhaseTab:
 
 def _list_tabs(session: Session) -> tuple[PhaseTab, ...]:
     return tuple(
-        PhaseTab(each.id, each.title, each.public, each.opens_us, each.closes_us)
+        PhaseTab(
+            each.id,
+            each.title,
+            each.public,
+            each.opens_us,
+            each.closes_us,
+            read_stored_name(Path(each.suite).name) if each.public else "",
+            _find_suite_checksum(session, each.id),
+        )
         for each in phases.list_phases(session)
     )
+
+
+def _find_suite_checksum(session: Session, phase: str) -> str:
+    newest = select(SubmissionRow.evaluator).where(SubmissionRow.phase == phase)
+    evaluator = session.scalars(newest.order_by(SubmissionRow.created_us.desc()).limit(1)).first() or {}
+    return str(evaluator.get("suite", "")).removeprefix("sha256:")[:SHORT_CHECKSUM]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
+from sqlalchemy import select
 from testing import databases
 from testing.api_app import HIDDEN, Server
 from testing.store_samples import NOON
@@ -16,6 +17,7 @@ from server.api.schemas.submissions import FiguresOut
 from server.clock import DAY_US
 from server.enums import TokenScope
 from server.store import Store, phases, teams, tokens
+from server.store.tables import SubmissionRow
 from server.web import templating
 from server.web.board_view import SCALAR_COLUMNS
 
@@ -32,6 +34,17 @@ def test_an_empty_board_says_what_to_do(server: Server) -> None:
     assert "No submissions yet. Submit an agent" in page.words and "/how" in links(page)
     assert "The phase is not open for submissions now" in Visit(server).get("/?phase=past").words
     assert "with this filter" in Visit(server).get("/?phase=dev&track=joint").words
+
+
+def test_the_board_names_the_season_of_a_public_suite_and_the_checksum(server: Server) -> None:
+    assert "Scenarios: interdrive@0." in Visit(server).get("/?phase=dev").words
+    driven(server, "red", 41.0)
+    with server.store.write() as session:
+        for row in session.scalars(select(SubmissionRow)):
+            row.evaluator = row.evaluator | {"suite": "sha256:0123456789abcdef"}
+    server.now_us += DAY_US
+    assert "Scenarios: interdrive@0 (checksum 0123456789ab)." in Visit(server).get("/?phase=dev").words
+    assert "Scenarios:" not in Visit(server).get("/?phase=test").words, "hidden, and without a submission"
 
 
 def test_a_server_without_phases_says_so(server: Server) -> None:
