@@ -22,7 +22,10 @@ from mdrive_sumo.generate.seasons.season_candidate import SeasonTask, evaluate_c
 from mdrive_sumo.generate.seasons.season_plan import INTERDRIVE_COUNTS, SeasonGroup, Selection, list_selections
 from mdrive_sumo.generate.seasons.season_seed import SeasonSeed, parse_season
 from mdrive_sumo.generate.selection import SelectionItem, compute_means, find_deviations, select_items
+from mdrive_sumo.generate.start_shift import FURTHEST_M, find_start_shift
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.categories import FIGURES, InterDriveCategory
+from mdrive_sumo.scenario.start_variation import shift_start
 from mdrive_sumo.scenario.statistics import PAPER
 from mdrive_sumo.scenario.suite import load_suite
 
@@ -120,6 +123,18 @@ def test_the_selection_has_as_many_hidden_conflicts_as_wanted() -> None:
     assert sum(one.is_hidden for one in chosen) >= 6
 
 
+def test_a_common_shift_leaves_the_run_up_to_a_conflict() -> None:
+    (scenario,) = load_suite("interdrive@0").select("i19_ins_sr_minor_road")
+    roads = load_road_map(find_network_folder(scenario.network))
+    shift = find_start_shift(scenario.egos, (), roads)
+    assert shift is not None
+    assert shift.back_m == FURTHEST_M
+    assert shift.ahead_m == FURTHEST_M  # they start 36 and 38 m before their lines
+    near = [shift_start(ego, 25.0, roads) for ego in scenario.egos]
+    nearer = find_start_shift(near, (), roads)
+    assert nearer is not None and nearer.ahead_m < FURTHEST_M
+
+
 @pytest.mark.slow
 def test_a_candidate_is_the_same_again_and_another_with_a_secret(tmp_path: Path) -> None:
     kept: dict[str, dict[str, bytes]] = {}
@@ -152,7 +167,6 @@ def test_a_season_is_drawn_continued_and_rebuilt(tmp_path: Path) -> None:
     suite = load_suite(str(first / "interdrive"))
     (scenario,) = suite.scenarios
     assert (suite.about.season, scenario.category, len(scenario.egos)) == (7, "ins_ss", 2)
-    assert scenario.start_shift is not None
     assert (first / "interdrive" / "networks" / scenario.network / "place.json").is_file()
 
     shutil.rmtree(first)
