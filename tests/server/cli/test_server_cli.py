@@ -236,7 +236,7 @@ def test_from_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         assert "environment build python3.11-numpy" in log.read_text()
         phases = httpx.get(f"{address}/api/v1/phases", timeout=60).json()["items"]
         assert [(each["id"], each["suite"], each["public"], each["open"]) for each in phases] == [
-            ("warm-up", "interdrive", True, True)
+            ("warm-up", "interdrive@0", True, True)
         ]
         assert "libsumo" not in Path(f"/proc/{process.pid}/maps").read_text()
         port = address.rpartition(":")[2]
