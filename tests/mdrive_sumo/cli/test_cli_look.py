@@ -29,7 +29,7 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_list_suites_shows_our_statistics_beside_the_papers() -> None:
     rows = [line.split() for line in call("list", "suites").output.splitlines()]
-    ours = next(row for row in rows if row[:1] == ["interdrive"])
+    ours = next(row for row in rows if " ".join(row).startswith("interdrive@"))
     assert ["in", "the", "paper", "46", "175", "3.80", "51.83", "65.85", "0.00"] in rows
     assert ours[1] == "46"
     assert any(row[:2] == ["ins_crosschange", "4"] for row in rows)
