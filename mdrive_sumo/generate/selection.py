@@ -13,6 +13,8 @@ SWAPS_EACH = 600
 """Random swaps that are tried per scenario to select."""
 SAME_NETWORK_COST, ALIKE_COST = 0.02, 0.3
 """Cost of every scenario on the same network as another one, or with the same description, for variety."""
+TOLERATED, EXCESS_COST = 0.04, 100.0
+"""Relative difference of a mean that varies freely, and cost of what exceeds it: `validate` accepts 5 % of a suite."""
 VISIBLE_COST = 1.0
 """Cost of every scenario that lacks an occlusion certificate of those that shall have one."""
 Means = tuple[float | None, float | None, float | None, float | None]
@@ -92,6 +94,7 @@ def _compute_cost(chosen: Sequence[SelectionItem], means: Means, least_hidden: i
     visible = max(least_hidden - sum(one.is_hidden for one in chosen), 0)
     return (
         math.fsum(error * error for error in errors) * 100
+        + math.fsum(max(abs(error) - TOLERATED, 0.0) for error in errors) * EXCESS_COST
         + SAME_NETWORK_COST * crowd
         + ALIKE_COST * alike
         + VISIBLE_COST * visible
