@@ -10,6 +10,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 
 RESAMPLES = 10_000
@@ -266,7 +267,7 @@ class NestedMean:
             return ConfidenceInterval(mean, None, None, self.units)
         freedom = self.units - 2
         quantile = STUDENT_T[freedom] if freedom < len(STUDENT_T) else NORMAL_QUANTILE
-        half = quantile * float(np.sqrt(self.error**2 + (other.error**2 if other else 0.0)))
+        half = quantile * float(portable.hypot(self.error, other.error if other else 0.0))
         return ConfidenceInterval(mean, mean - half, mean + half, self.units)
 
 

@@ -6,7 +6,7 @@
 from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
 from mdrive_sumo.loop.episode_runner import run_episode, start_agents
 from mdrive_sumo.loop.episode_simulation import EpisodeSimulation
-from mdrive_sumo.loop.frame_source import FrameSource, SimulatedFrames, World
+from mdrive_sumo.loop.frame_source import FrameSource, SimulatedFrames, SteppedWorld
 
 __all__ = [
     "VEHICLE",
@@ -14,7 +14,7 @@ __all__ = [
     "EpisodeSimulation",
     "FrameSource",
     "SimulatedFrames",
-    "World",
+    "SteppedWorld",
     "run_episode",
     "start_agents",
 ]

@@ -8,7 +8,7 @@ from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure
 from mdrive_sumo.loop.agent_scheduler import AgentScheduler
 from mdrive_sumo.loop.episode_config import EpisodeConfig
 from mdrive_sumo.loop.episode_simulation import EpisodeSimulation
-from mdrive_sumo.loop.frame_source import FrameSource, SimulatedFrames, World
+from mdrive_sumo.loop.frame_source import FrameSource, SimulatedFrames, SteppedWorld
 from mdrive_sumo.loop.request_pace import make_pace
 
 ObservationWatcher = Callable[[int, Mapping[str, Observation]], None]
@@ -17,7 +17,7 @@ ObservationWatcher = Callable[[int, Mapping[str, Observation]], None]
 
 def run_episode(
     config: EpisodeConfig,
-    world: World,
+    world: SteppedWorld,
     drivers: Mapping[str, AgentDriver],
     watch: ObservationWatcher | None = None,
     pace_s: float = 0.0,

@@ -14,7 +14,7 @@ from mdrive_sumo.scoring import criteria
 from mdrive_sumo.vehicle import contact, dynamics
 
 
-class World(Protocol):
+class SteppedWorld(Protocol):
     """The simulator of everything but CAVs and scripted actors: `sumo.SumoWorld`, or a fake in tests."""
 
     def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> WorldState:
@@ -53,7 +53,7 @@ class FrameSource(Protocol):
 class SimulatedFrames:
     """Frames of the simulators: dynamics and contacts of the CAVs, scripted actors, and SUMO or another world."""
 
-    def __init__(self, config: EpisodeConfig, world: World) -> None:
+    def __init__(self, config: EpisodeConfig, world: SteppedWorld) -> None:
         """world: not started yet."""
         scenario = config.scenario
         self._config, self._world = config, world

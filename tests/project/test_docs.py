@@ -229,7 +229,7 @@ def test_readme_agent_drives_the_built_in_suite(example: Path, tmp_path: Path, m
     monkeypatch.chdir(tmp_path)
     (tmp_path / "config.json").write_text('{"speed": 6.0}')
     scenario = load_suite("interdrive@0").scenarios[0].id
-    command = ("eval", "--scenario", scenario, "--out", "run")
+    command = ("eval", "--suite", "interdrive@0", "--scenario", scenario, "--out", "run")
     agent = ("--agent", f"{example.name}:Careful", "--agent-config", "config.json")
     done = CliRunner().invoke(main, (*command, *agent))
     assert done.exit_code == 0, done.output

@@ -214,10 +214,19 @@ def drive_on_ice(folder: Path) -> dict[str, Any]:
     run_in_process(pytest.MonkeyPatch())  # for this process, which ends with the module
     out, usual = folder / "ice", folder / "run"
     grip: dict[str, Any] = {"grip": 0.5}  # type checkers do not know it, nor shall they
-    run = md.evaluate(agent="full-throttle", scenario="i02*", out=out, workers=1, record=False, progress=False, **grip)
+    run = md.evaluate(
+        agent="full-throttle",
+        suite="interdrive@0",
+        scenario="i02*",
+        out=out,
+        workers=1,
+        record=False,
+        progress=False,
+        **grip,
+    )
     fingerprint, stored = read_fingerprint(out), RunConfig.from_journal(read_fingerprint(out), out)
     with pytest.raises(md.InputError, match=r"another .*grip 1\.0 \(now 0\.5\)"):
-        md.evaluate(agent="full-throttle", scenario="i02*", out=usual, record=False, **grip)
+        md.evaluate(agent="full-throttle", suite="interdrive@0", scenario="i02*", out=usual, record=False, **grip)
     with pytest.raises(md.InputError, match=r"grip: expected a number from 0.1 to 1 \[share\], found 2"):
         md.evaluate(**{**grip, "grip": 2})
     return {

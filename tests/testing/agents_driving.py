@@ -72,7 +72,7 @@ class Box:
 
 
 class BoxWorld:
-    """A World of blind cars, and of lights that are red until a tick."""
+    """A world of blind cars, and of lights that are red until a tick."""
 
     def __init__(self, boxes: Sequence[Box] = (), red_until: int = 0) -> None:
         self._boxes, self._red_until, self._tick = boxes, red_until, -1

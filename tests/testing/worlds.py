@@ -32,7 +32,7 @@ def straight_scenario(*egos: Ego) -> Scenario:
 
 
 class EmptyWorld:
-    """A World in which nothing but the CAVs exists; remembers which of them were placed."""
+    """A world in which nothing but the CAVs exists; remembers which of them were placed."""
 
     def __init__(self) -> None:
         self.placed: list[tuple[str, ...]] = []

@@ -36,7 +36,7 @@ class Thing:
 
 
 class ThingWorld:
-    """A World of things; every light shows g."""
+    """A world of things; every light shows g."""
 
     def __init__(self, things: tuple[Thing, ...]) -> None:
         self._things, self._tick = things, -1
