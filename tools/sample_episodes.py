@@ -41,7 +41,7 @@ def list_sample(agent: str) -> tuple[tuple[str, int], ...]:
 
 def drive_episode(agent: str, scenario: str, seed: int) -> dict[str, Any]:
     """Return what is kept of an episode under the conditions of the rows: ideal channel, realistic sensing."""
-    result = md.simulate(scenario, agent=agent, seed=seed, suite="mdrive").result
+    result = md.simulate(scenario, agent=agent, seed=seed, suite="mdrive@0").result
     return {"scenario": scenario, "seed": seed, "ds": round(result.ds, 6), "digest": result.digest}
 
 

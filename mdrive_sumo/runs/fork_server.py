@@ -151,7 +151,10 @@ def _serve_forks(requests: socket.socket, pickled: bytes) -> None:
             if isinstance(ready, int):
                 _report_end(worker_by_sentinel.pop(ready))
                 continue
-            message, descriptors, _, _ = socket.recv_fds(requests, len(_REQUEST), 2)
+            try:
+                message, descriptors, _, _ = socket.recv_fds(requests, len(_REQUEST), 2)
+            except ConnectionResetError:  # the owner closed its end before it read `_READY`
+                return
             if not message:
                 return
             worker = _fork_worker(requests, serve, *map(Connection, descriptors))

@@ -42,6 +42,7 @@ from mdrive_sumo.scenario.season import (
     get_season,
     join_suite_name,
     label_suite,
+    read_stored_name,
     split_suite_name,
 )
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
@@ -282,12 +283,12 @@ def _parts(about: SuiteFile, folder: Path) -> tuple[Suite, ...]:
 def _find_part_folder(name: str, about: SuiteFile, folder: Path) -> Path:
     """Return the folder of a part of the suite in `folder`: a packaged suite, or one beside it.
 
-    The parts of a season are beside it: a packaged name without a season would mean the newest one.
+    The parts of a season are beside it. A packaged name without a season is season 0, as in all files.
     """
     beside = folder.parent / name
     if about.season is not None or is_own_suite(folder):
         return beside
-    return find_packaged_suite(name) or beside
+    return find_packaged_suite(read_stored_name(name)) or beside
 
 
 def _scenarios_of(parts: Sequence[Suite], folder: Path) -> tuple[Scenario, ...]:

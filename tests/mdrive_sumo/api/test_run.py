@@ -106,7 +106,7 @@ def test_a_run_is_verified_and_rescored(run: md.Run, monkeypatch: pytest.MonkeyP
 
 def test_a_finished_run_is_not_driven_again(run: md.Run, capsys: pytest.CaptureFixture[str]) -> None:
     again = md.evaluate(
-        "interdrive",
+        "interdrive@0",
         "constant-speed",
         scenario="i01_ins_c_main_street_right,i02_ins_c_boulevard_straight",
         seeds=[3, 5],

@@ -21,7 +21,9 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of one scenario in which no vehicle moves: blocked after 30 s."""
     folder = tmp_path_factory.mktemp("run")
     first = load_suite("interdrive@0").scenarios[0].id
-    done = call("eval", "--agent", "stationary", "--scenario", first, "--workers", 1, "--out", folder)
+    done = call(
+        "eval", "--suite", "interdrive@0", "--agent", "stationary", "--scenario", first, "--workers", 1, "--out", folder
+    )
     assert done.exit_code == 0, done.output
     return folder
 

@@ -128,7 +128,7 @@ def test_reports_comparisons_exports_and_pictures(run: Path, tmp_path: Path) -> 
     scenario = json.loads((run / "results.json").read_text())["scenarios"][0]["id"]
     drawn = call("render", run, "--scenario", scenario, "--tick", "3", "--out", out / "picture.png")
     assert drawn.exit_code == 0, drawn.output
-    shown = call("show", scenario, "--out", out / "map.svg")
+    shown = call("show", scenario, "--suite", "interdrive@0", "--out", out / "map.svg")
     assert shown.exit_code == 0, shown.output
     assert len(check(out)) > 20
 

@@ -60,7 +60,11 @@ def folder(tmp_path: Path) -> Path:
     folder = reachable(tmp_path) / "mine"
     make_short_suite(folder / "suite", SCENARIO)
     (networks,) = {path.parent for path in list_packaged_networks().values()}
-    places = {"suite": str(folder / "suite"), "networks": str(networks), "scenarios": str(PACKAGE / "scenarios")}
+    places = {
+        "suite": str(folder / "suite"),
+        "networks": str(networks),
+        "scenarios": str(PACKAGE / "scenarios" / "interdrive"),
+    }
     text = THIEF
     for key, place in places.items():
         text = text.replace(f"{{{key}!r}}", repr(place))
@@ -93,8 +97,8 @@ def stolen(out: Path) -> list[str]:
 def test_a_boxed_agent_reads_nothing_of_the_suite_and_a_plain_one_does(folder: Path) -> None:
     plain, boxed = drive(folder), drive(folder, "--sandbox")
     assert len(stolen(plain)) > 100
-    manifests = {f"/kit/mdrive_sumo/agents/learned/weights/{system}.json" for system in SYSTEMS}  # public, no suite's
-    assert set(stolen(boxed)) == {"/agent/config.json", *manifests}
+    data = [f"learned/weights/{system}.json" for system in SYSTEMS] + ["memory_drives.npz"]  # public
+    assert set(stolen(boxed)) == {"/agent/config.json", *(f"/kit/mdrive_sumo/agents/{name}" for name in data)}
     plain_results, boxed_results = (load_results(out / "results.json") for out in (plain, boxed))
     assert [one.digest for one in plain_results.scenarios] == [one.digest for one in boxed_results.scenarios]
     assert "unsandboxed" in plain_results.run.labels and "unsandboxed" not in boxed_results.run.labels

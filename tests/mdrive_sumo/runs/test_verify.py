@@ -32,7 +32,19 @@ def invoke(*words: str | Path) -> Result:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("finished") / "run"
-    ended = invoke("eval", "--scenario", SCENARIOS, "--agent", "constant-speed", "--workers", 1, "--out", folder)
+    ended = invoke(
+        "eval",
+        "--suite",
+        "interdrive@0",
+        "--scenario",
+        SCENARIOS,
+        "--agent",
+        "constant-speed",
+        "--workers",
+        1,
+        "--out",
+        folder,
+    )
     assert ended.exit_code == 0, ended.output
     return folder
 
@@ -237,7 +249,7 @@ def test_every_scenario_is_the_same_however_it_is_run(
     """One worker or two, interrupted, with a killed worker, in a fresh process or a used one: equal digests."""
     run_in_workers(monkeypatch)
     folders = {name: tmp_path / name for name in ("two", "interrupted")}
-    command = ("eval", "--agent", "constant-speed", "--scenario", pattern, "--out")
+    command = ("eval", "--suite", "interdrive@0", "--agent", "constant-speed", "--scenario", pattern, "--out")
     words = {name: [*command, str(path)] for name, path in folders.items()}
     interrupted_run([*words["interrupted"], "--workers", "2"], folders["interrupted"] / "journal.jsonl")
     for name in folders:

@@ -109,7 +109,19 @@ def invoke(*words: str | int | Path) -> Result:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("finished") / "run"
-    ended = invoke("eval", "--scenario", TOWN, "--agent", "constant-speed", "--workers", 1, "--out", folder)
+    ended = invoke(
+        "eval",
+        "--suite",
+        "interdrive@0",
+        "--scenario",
+        TOWN,
+        "--agent",
+        "constant-speed",
+        "--workers",
+        1,
+        "--out",
+        folder,
+    )
     assert ended.exit_code == 0, ended.output
     assert invoke("rescore", folder, "--score-mode", "interdrive_fixed").exit_code == 0
     return folder

@@ -123,7 +123,7 @@ def test_an_own_suite_may_name_the_season_of_its_parts(seasons: Path, tmp_path: 
     assert [part.label for part in load_suite(str(tmp_path / "mine")).parts] == [
         "interdrive@0",
         "interaction@1",
-        "v2xpnp@2",
+        "v2xpnp@0",
     ]
 
 

@@ -202,7 +202,17 @@ def test_bad_input_is_one_sentence_before_anything_runs(
 @pytest.mark.slow
 def test_a_study_with_the_simulation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run_in_process(monkeypatch)
-    given = ("--scenario", "i02_*", "--agents", f"{TALKER},constant-speed", "--no-captured", "--workers", 1)
+    given = (
+        "--suite",
+        "interdrive@0",
+        "--scenario",
+        "i02_*",
+        "--agents",
+        f"{TALKER},constant-speed",
+        "--no-captured",
+        "--workers",
+        1,
+    )
     ended = invoke("study", "comm", *given, "--loss", "1", "--out", tmp_path / "out")
     assert ended.exit_code == 0, ended.output
     page = json.loads((tmp_path / "out" / "study.json").read_text())

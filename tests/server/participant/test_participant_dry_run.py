@@ -134,7 +134,9 @@ def test_what_boxes_lack_here_is_said(run: Run, monkeypatch: pytest.MonkeyPatch,
 @pytest.mark.slow
 def test_a_sample_drives_in_its_box(run: Run, tmp_path: Path) -> None:
     run("init-agent", "mine", "--style", "joint")
-    found = run("submit", "mine", "--dry-run", "--scenario", "i07*", "--workers", 1, "--out", "out")
+    found = run(
+        "submit", "mine", "--dry-run", "--suite", "interdrive@0", "--scenario", "i07*", "--workers", 1, "--out", "out"
+    )
     assert found.exit_code == 0, found.output
     assert "label        joint: track joint" in found.output
     assert "track        joint" in found.output
@@ -158,7 +160,9 @@ def test_a_sample_drives_in_its_box(run: Run, tmp_path: Path) -> None:
 def test_verdicts_of_hostile_agents(run: Run, tmp_path: Path, deed: str, verdict: str) -> None:
     agents = HOSTILE.format(sensors="", deed=deed).encode()
     archive = written(tmp_path, packed(dict(GOOD) | {"agents.py": agents}))
-    found = run("submit", archive, "--dry-run", "--scenario", "i13*", "--workers", 1, "--out", "out")
+    found = run(
+        "submit", archive, "--dry-run", "--suite", "interdrive@0", "--scenario", "i13*", "--workers", 1, "--out", "out"
+    )
     assert found.exit_code == 0, found.output
     assert verdict in found.output
 
@@ -182,7 +186,9 @@ def test_what_is_asked_for_only_while_driving_is_rejected(
         return found
 
     monkeypatch.setattr(dry_run, "ask_agent", asked)
-    found = run("submit", archive, "--dry-run", "--scenario", "i13*", "--workers", 1, "--out", "out")
+    found = run(
+        "submit", archive, "--dry-run", "--suite", "interdrive@0", "--scenario", "i13*", "--workers", 1, "--out", "out"
+    )
     assert found.exit_code == 2, found.output
     assert "rejected: i13_ins_sl_minor_road: " in found.output
 
