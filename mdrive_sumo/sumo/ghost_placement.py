@@ -113,7 +113,7 @@ def _compute_extents(boxes: Any, lane: Any, strips: "_Corridors") -> tuple[Float
 
 @dataclass(frozen=True, slots=True)
 class _Corridors:
-    """Centre lines (L,) and the strips that background vehicles sweep, of lanes for cars and cycle lanes."""
+    """Centre lines (L,) and strips that background vehicles sweep, of lanes for cars and cycle lanes beside them."""
 
     lanes: tuple[Lane, ...]
     lines: Any
@@ -124,9 +124,11 @@ class _Corridors:
 
 @lru_cache(maxsize=64)
 def _build_corridors(roads: RoadMap) -> _Corridors:
-    lanes = (*roads.driving, *roads.cycle_lanes.values())
+    car_edges = {lane.edge for lane in roads.driving}
+    beside = [lane for lane in roads.cycle_lanes.values() if lane.edge in car_edges]  # SUMO adds no car to another edge
+    lanes = (*roads.driving, *beside)
     lines = np.array([shapely.LineString(lane.centre.xy) for lane in lanes], dtype=object)
-    half_widths = [CORRIDOR_M / 2] * len(roads.driving) + [CYCLE_CORRIDOR_M / 2] * len(roads.cycle_lanes)
+    half_widths = [CORRIDOR_M / 2] * len(roads.driving) + [CYCLE_CORRIDOR_M / 2] * len(beside)
     areas = shapely.buffer(lines, half_widths, cap_style="flat")
     shapely.prepare(areas)
     return _Corridors(lanes, lines, areas, np.asarray(shapely.bounds(areas)))

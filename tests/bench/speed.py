@@ -172,9 +172,9 @@ def ask(driver: "subprocess.Popen[str]", episode: int) -> Sample:
 def drive_on_request() -> int:
     """Drive the episodes that standard input names by number, and print a sample of each."""
     # Of the tree in PYTHONPATH: what a driver calls must be in both.
-    job, suites = (importlib.import_module(f"mdrive_sumo.{name}") for name in ("runs.episode_job", "scenario.suite"))
-    agents = importlib.import_module("mdrive_sumo.runs.agent_spec")
-    folder = suites.load_suite("mdrive@0").folder.resolve()
+    job, agents = (importlib.import_module(f"mdrive_sumo.runs.{name}") for name in ("episode_job", "agent_spec"))
+    package = Path(str(importlib.import_module("mdrive_sumo").__file__)).parent
+    folder = (package / "scenarios" / "mdrive").resolve()  # season 0; the stored commit knows no names with seasons
     counter = open_instruction_counter()
     for line in sys.stdin:
         agent, scenario = EPISODES[int(line)]

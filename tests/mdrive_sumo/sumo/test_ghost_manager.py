@@ -1,5 +1,7 @@
 """SUMO's traffic reacts to scripted actors and to everything else that has only ghosts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from testing.sumo_crossing import SIZE, car, compiled, scenario
@@ -142,3 +144,12 @@ def test_a_lane_has_a_ghost_for_what_its_vehicles_would_touch_and_none_for_what_
     x = lane_x(roads) + side * (car("bg").width / 2 + gap_m + width / 2)
     found = find_ghosts([SourceBox("b", x, -80.0, np.pi / 2, 0.0, 0.4, width)], roads)
     assert sorted(found) == (["ghost:b:c_0"] if is_seen else [])
+
+
+def test_a_cycle_lane_has_ghosts_only_beside_a_lane_for_cars(roads: RoadMap) -> None:
+    lane = replace(roads.lanes["c_0"], id="cycles")
+    (x, y), yaw = lane.centre.at(20.0), lane.centre.yaw_at(20.0)
+    box = SourceBox("e", x, y, yaw, 0.0, 4.6, 1.85, visible_lane="c_0")
+    for edge, lanes in (("c", ["cycles"]), ("a path of its own", list[str]())):
+        network = replace(roads, cycle_lanes={"cycles": replace(lane, edge=edge)})
+        assert [ghost.lane.id for ghost in find_ghosts([box], network).values()] == lanes
