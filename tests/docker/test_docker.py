@@ -150,7 +150,7 @@ def evaluates(images: Images) -> None:
     for line in (
         "admin environment import python3.11-numpy /opt/environments/python3.11-numpy",
         "init-agent /work/mine",
-        f"submit /work/mine --dry-run --environments /data/environments {' '.join(one[2:])} --out /work/dry",
+        f"submit /work/mine --dry-run --environments /data/environments {' '.join(one)} --out /work/dry",
     ):
         found = inside(root, "mdrive-sumo", *line.split())
         assert found.returncode == 0, found.stdout + found.stderr
