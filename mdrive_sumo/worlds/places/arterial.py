@@ -12,7 +12,7 @@ from mdrive_sumo.worlds.places.network_draft import NetworkDraft
 from mdrive_sumo.worlds.places.place import PlaceKind
 from mdrive_sumo.worlds.places.place_parameters import between, choose
 from mdrive_sumo.worlds.places.street_houses import HouseRows
-from mdrive_sumo.worlds.places.street_parking import add_bus_stop, pave_cycle_lane
+from mdrive_sumo.worlds.places.street_parking import CYCLE_M, TREE_M, add_bus_stop, pave_cycle_lane
 from mdrive_sumo.worlds.places.street_spine import (
     BACKWARD,
     FORWARD,
@@ -33,17 +33,14 @@ FRONTAGES = {
     "avenue": HouseRows((2.0, 5.0), (1.0, 8.0), (14.0, 30.0), (11.0, 15.0)),
 }
 """Rows of houses by style; distances chosen by what main roads of 1970, 1990 and 1900 look like."""
-CYCLE_M = 1.85
-"""[m] Width of a cycle lane with its line (ERA 2010, table 5)."""
 END_M = (110.0, 150.0)
 """[m] Range of the road before its first and after its last junction; chosen: a turn lane and 60 m before it."""
 KEPT_MEDIAN_M = 1.5
 """[m] What is left of the median beside a turn lane (RASt 06: 1.60 m for signs; rounded to the grid of widths)."""
 PLANTED_FROM_M = 12.0
 """[m] From the end of a turn lane to the first tree; chosen."""
-TREE_EVERY_M = 14.0
-TREE_M = 0.5
-HEDGE_M = 1.2
+TREE_EVERY_M, HEDGE_M = 14.0, 1.2
+"""[m] Between trees of the median, and width of a hedge; chosen."""
 STOP_BEHIND_M = 40.0
 """[m] From the centre of a junction to that of the bus stop behind it; chosen."""
 

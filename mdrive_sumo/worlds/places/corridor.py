@@ -14,6 +14,7 @@ from mdrive_sumo.worlds.places.place_parameters import between, choose
 from mdrive_sumo.worlds.places.street_houses import HouseRows
 from mdrive_sumo.worlds.places.street_parking import (
     BUS_STOP_M,
+    CYCLE_M,
     add_bus_stop,
     add_parking,
     add_tree,
@@ -40,8 +41,6 @@ FRONTAGES = {
 """Rows of houses by style; distances chosen by what German towns of 1900, 1930 and 1970 look like."""
 PARKING_M = 2.1
 """[m] Width of a parking lane (RASt 06, table 22: 2.00 m to 2.30 m)."""
-CYCLE_M = 1.85
-"""[m] Width of a cycle lane with its line (ERA 2010, table 5)."""
 END_M = (60.0, 90.0)
 """[m] Range of the street before its first and after its last junction; chosen: cars reach the limit in it."""
 STOP_BEHIND_M = 28.0

@@ -25,7 +25,9 @@ DRIVEWAY = "driveway"
 DRIVEWAY_CORNER_M = 0.5
 """[m] No vehicle parks in front of a driveway (StVO section 12(3) no. 3), and half a metre beside it; chosen."""
 TREE_M = 0.5
-"""[m] Width of a trunk."""
+"""[m] Width of a trunk; chosen."""
+CYCLE_M = 1.85
+"""[m] Width of a cycle lane with its line (ERA 2010, table 5)."""
 ZEBRA_M = 5.0
 """[m] No vehicle parks nearer than that before a zebra crossing (StVO, sign 293)."""
 BUS_STOP_M = 18.0

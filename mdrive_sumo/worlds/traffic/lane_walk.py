@@ -11,6 +11,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import wrap_angle, wrap_angles
 from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.worlds.placement.background_vehicles import list_edges
 
 STRAIGHT_RAD, U_TURN_RAD = math.radians(35), math.radians(145)
 """As `lane_routes` classifies turns."""
@@ -77,12 +78,6 @@ def draw_lane_chain(
         edges.add(roads.lanes[chosen].edge)
         length += roads.lanes[chosen].centre.length
     return tuple(passed)
-
-
-def list_edges(roads: RoadMap, lanes: Sequence[str]) -> tuple[str, ...]:
-    """Return the edges of a chain of lanes in driving order, without those inside junctions."""
-    edges = [roads.lanes[id_].edge for id_ in lanes if not roads.lanes[id_].junction]
-    return tuple(edge for k, edge in enumerate(edges) if k == 0 or edge != edges[k - 1])
 
 
 def changes_lanes(roads: RoadMap, lanes: Sequence[str]) -> bool:
