@@ -128,4 +128,4 @@ class Briefing(DeferredField):
     """The detector profile that the profile `standard` of the objects sensor stands for in this episode."""
     desired_speed: float | None = PROTOCOL_SPEED
     """Speed [m/s] that the scenario asks CAVs to drive where the road allows it; None: the limits of the road
-    (`route_speed_limit`). Nothing enforces it: time and safety are scored, speed is not."""
+    (`route_speed_limit`). Nothing enforces it; score mode `hard` counts speed above the limits of the road."""

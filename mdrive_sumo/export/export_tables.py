@@ -141,6 +141,8 @@ def _build_cav_scores(recording: ScoredRecording) -> Columns:
         "outcome": [str(ego.outcome) for ego in egos],
         **{name: [getattr(ego, name) for ego in egos] for name in ("reason", "ds", "rc", "ip", "ticks", "time_ratio")},
         "infractions": [count_infractions(ego) for ego in egos],
+        "speeding": [ego.speeding and ego.speeding.share for ego in egos],
+        "speeding_greatest": [ego.speeding and ego.speeding.greatest for ego in egos],
     }
 
 
@@ -242,6 +244,8 @@ EXPORT_TABLES = (
             TableColumn("reason", "string", "", "why the agent failed, else empty"),
             *_SCORES,
             TableColumn("infractions", "integer", "", "infractions that cost something"),
+            TableColumn("speeding", "number", "%", "share of its time over 1.1 x the speed limit"),
+            TableColumn("speeding_greatest", "number", "m/s", "greatest difference from the limit"),
         ),
         _build_cav_scores,
     ),

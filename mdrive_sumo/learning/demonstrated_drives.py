@@ -51,7 +51,7 @@ from mdrive_sumo.runs.stored_run import StoredRun
 from mdrive_sumo.runs.takes import ObservedTake, RecordedActions, observe_take
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScenarioResult
-from mdrive_sumo.scoring.metrics import build_ego_records
+from mdrive_sumo.scoring.metrics import ScoredEpisode, build_ego_records
 
 SPLIT = "takes"
 """In place of a split of training scenarios: people drive scenarios of suites."""
@@ -148,7 +148,9 @@ def _collect_take(
     job = stored.run.make_job(next(one for one in stored.run.scenarios if one.id == result.id), result.seed)
     scenario, roads = load_job_scenario(job)
     due = {ego: _select_decisions(record, result, ego, known) for ego in record.ego_ids}
-    usable = {one.id: find_usable_end(one, record, True) for one in build_ego_records(record, scenario, roads)}
+    usable = {
+        one.id: find_usable_end(one, record, True) for one in build_ego_records(ScoredEpisode(record, scenario, roads))
+    }
     kept = {ego: frozenset(tick for tick in ticks if tick < usable[ego]) for ego, ticks in due.items()}
     samples: list[SampleFiles] = []
     if any(kept.values()):

@@ -21,7 +21,7 @@ from mdrive_sumo.loop.agent_scheduler import AgentScheduler
 from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scoring.metrics import EgoRecord, build_ego_records
+from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def build_samples(
 ) -> tuple[list[SampleFiles], int]:
     """Return the samples of a drive, and the number of decisions that are left out, see `find_usable_end`."""
     scenario, episode = drive.config.scenario, drive.episode
-    records = build_ego_records(episode, scenario, drive.config.roads)
+    records = build_ego_records(ScoredEpisode(episode, scenario, drive.config.roads))
     ends = [find_usable_end(record, episode, settings.driver is None) for record in records]
     kept = [[one for one in decisions if one.tick < end] for decisions, end in zip(drive.decisions, ends, strict=True)]
     scenes = _build_scenes(drive, kept)

@@ -147,6 +147,36 @@ class RoadMap:
         return np.array([lane.junction for lane in self.driving], dtype=np.bool_)
 
     @cached_property
+    def legal_speed(self) -> Float:
+        """Speed limit (L,) [m/s] of every lane of `driving` as a driver sees it.
+
+        In a junction it is that of the fastest road that the lane comes from or leads to: netconvert gives junction
+        lanes the speed at which a car takes their curve, which no sign says.
+        """
+        legal = {lane.id: lane.speed_limit for lane in self.driving}
+        links = [(lane, self.lanes[after]) for lane in self.driving for after in lane.successors]
+        inside = [pair for pair in links if pair[0].junction or pair[1].junction]
+        known: dict[str, float] = {}
+        while legal != known:  # a way through a junction may consist of several lanes
+            known = dict(legal)
+            for before, after in inside:
+                if after.junction:
+                    legal[after.id] = max(legal[after.id], legal[before.id])
+                if before.junction:
+                    legal[before.id] = max(legal[before.id], legal[after.id])
+        return np.array(list(legal.values()))
+
+    def find_lanes_under(self, xy: Float) -> tuple[Int, Int]:
+        """Return which lanes cover which points xy (M, 2) [m]: indices of points and into `driving`, both (K,).
+
+        A lane covers what is at most half its width from its centre line, also beyond its ends.
+        """
+        points = shapely.points(xy)
+        point, lane = self._tree.query(points, predicate="dwithin", distance=float(self.lane_width.max()) / 2)
+        covers = shapely.distance(np.asarray(self._tree.geometries)[lane], points[point]) <= self.lane_width[lane] / 2
+        return point[covers], lane[covers]
+
+    @cached_property
     def _tree(self) -> shapely.STRtree:
         return shapely.STRtree([shapely.LineString(lane.centre.xy) for lane in self.driving])
 

@@ -53,6 +53,15 @@ class Infraction(_Part):
     """Of a collision: relative speed [m/s] in the tick before the contact. Absent for everything else."""
 
 
+class Speeding(_Part):
+    """How long and by how much a CAV was faster than the speed limit (docs/scoring.md, Speeding)."""
+
+    share: Number
+    """Share [%] of its time in which it was more than 10 % faster."""
+    greatest: Number
+    """Greatest difference from the limit [m/s]; 0 if it was never faster."""
+
+
 class EgoResult(_Part):
     """One CAV: DS = RC * IP."""
 
@@ -70,6 +79,8 @@ class EgoResult(_Part):
     time_factor: Number | None = Field(default=None, exclude_if=lambda factor: factor is None)
     """What score mode `hard` multiplies its DS by; absent in other modes."""
     infractions: tuple[Infraction, ...]
+    speeding: Speeding | None = Field(default=None, exclude_if=lambda speeding: speeding is None)
+    """Absent in results from before it was measured."""
     is_other: bool = Field(default=False, exclude_if=lambda is_other: not is_other)
     """Whether the second agent of a run with two (`--others`) drove it; absent where the agent under test did."""
 

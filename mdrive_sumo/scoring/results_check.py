@@ -14,7 +14,7 @@ from mdrive_sumo.core.clean_text import clean_line, truncate
 from mdrive_sumo.core.state import End
 from mdrive_sumo.core.tree_difference import find_tree_differences, format_leaf
 from mdrive_sumo.scoring.efficiency import compute_efficient_sr
-from mdrive_sumo.scoring.results import EgoResult, Infraction, Means, Results, ScenarioResult
+from mdrive_sumo.scoring.results import EgoResult, Infraction, Means, Results, ScenarioResult, Speeding
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS, ScoreMode, compute_mean, compute_scenario_means
 from mdrive_sumo.scoring.summary import compute_bucket_means, compute_overall
 
@@ -33,6 +33,8 @@ RANGES = {
     **dict.fromkeys(("ds", "sr", "rc", "efficient_sr"), PERCENT),
     "ip": FACTOR,
     "time_factor": FACTOR,
+    "share": PERCENT,
+    "greatest": POSITIVE,
     "factor": FACTOR,
     **dict.fromkeys(("time_ratio", "min_ttc", "ticks", "tick", "impact_speed"), POSITIVE),
     **dict.fromkeys(("x", "y"), PLACE),
@@ -99,6 +101,8 @@ def _find_all_range_faults(place: str, result: ScenarioResult, mode: ScoreMode) 
     yield from _find_range_faults(place, result, mode)
     for ego in result.egos:
         yield from _find_range_faults(f"{place}.egos[{ego.id}]", ego, ScoreMode.MDRIVE)
+        if ego.speeding is not None:
+            yield from _find_range_faults(f"{place}.egos[{ego.id}].speeding", ego.speeding, ScoreMode.MDRIVE)
         for i, infraction in enumerate(ego.infractions):
             yield from _find_range_faults(f"{place}.egos[{ego.id}].infractions[{i}]", infraction, ScoreMode.MDRIVE)
     for name, value in result.scalars.items():
@@ -160,7 +164,7 @@ def find_repeated(names: Iterable[str], place: str = "scenarios") -> Iterator[st
             yield f"{place}: expected every id once, found {name!r} {count} times"
 
 
-def _find_range_faults(place: str, part: Means | EgoResult | Infraction, mode: ScoreMode) -> Iterator[str]:
+def _find_range_faults(place: str, part: Means | EgoResult | Infraction | Speeding, mode: ScoreMode) -> Iterator[str]:
     for name, (low, high) in RANGES.items():
         value = getattr(part, name, None)
         if name == "ds" and mode is ScoreMode.INTERDRIVE_ASIS:

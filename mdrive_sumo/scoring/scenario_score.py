@@ -11,7 +11,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.scoring.efficiency import apply_reference_times
 from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records, list_scalar_metrics
-from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult
+from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult, Speeding
 from mdrive_sumo.scoring.score_mode import ScoreMode, compute_driving_score, compute_scenario_means
 from mdrive_sumo.v2x.channel import count_deliveries, count_exchanged, count_malformed
 
@@ -32,8 +32,9 @@ def score_episode(
     Raises InputError for an episode of another scenario, and in mode `hard` without reference; EpisodeMismatch for an
     episode that contradicts itself.
     """
-    records = build_ego_records(episode, scenario, roads)
-    scalars = {metric.name: metric.compute(ScoredEpisode(episode, scenario, roads)) for metric in list_scalar_metrics()}
+    scored = ScoredEpisode(episode, scenario, roads)
+    records = build_ego_records(scored, mode)
+    scalars = {metric.name: metric.compute(scored) for metric in list_scalar_metrics()}
     result = ScenarioResult(
         id=scenario.id,
         bucket=scenario.bucket,
@@ -108,4 +109,5 @@ def _ego_result(record: EgoRecord) -> EgoResult:
             )
             for i in record.infractions
         ),
+        speeding=Speeding(share=record.speed_excess.share, greatest=record.speed_excess.greatest),
     )

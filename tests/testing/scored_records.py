@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from mdrive_sumo.core.state import End
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scoring.metrics import EgoRecord, build_ego_records
+from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records
 from testing.score_golden import NO_HITS, Hits, Row, episode, scenario, street
 
 Events = list[tuple[str, int]]
@@ -15,7 +15,7 @@ def record(
 ) -> EgoRecord:
     """Return the record of the only CAV of a 100 m scenario; its agent fails at the end unless stated otherwise."""
     about = scenario()
-    return build_ego_records(episode(about, {"0": rows}, {"0": end}, hits), about, on or street())[0]
+    return build_ego_records(ScoredEpisode(episode(about, {"0": rows}, {"0": end}, hits), about, on or street()))[0]
 
 
 def events(found: EgoRecord) -> Events:

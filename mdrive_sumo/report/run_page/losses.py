@@ -120,6 +120,11 @@ def _describe(event: Infraction, ego: EgoResult, cavs: set[str], route_m: float 
         return f"did not stop at stop sign {event.other}"
     if event.kind == "outside-lanes":
         return _describe_outside(1.0 - event.factor, ego, route_m)
+    if event.kind == "speeding" and ego.speeding is not None:
+        return (
+            f"drove more than 10 % above the speed limit for {ego.speeding.share:.0f} % of its time,"
+            f" at most {ego.speeding.greatest:.1f} m/s above it"
+        )
     return f"{event.kind}{f' with {event.other}' if event.other else ''}"
 
 

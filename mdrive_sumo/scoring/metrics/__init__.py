@@ -5,6 +5,7 @@ from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch, Inf
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric, ScalarMetric, ScoredEpisode
 from mdrive_sumo.scoring.metrics.min_ttc import compute_min_ttc
 from mdrive_sumo.scoring.metrics.registry import METRICS, list_scalar_metrics
+from mdrive_sumo.scoring.metrics.speeding import SpeedExcess
 
 __all__ = [
     "METRICS",
@@ -15,6 +16,7 @@ __all__ = [
     "InfractionMetric",
     "ScalarMetric",
     "ScoredEpisode",
+    "SpeedExcess",
     "build_ego_records",
     "build_ego_track",
     "compute_min_ttc",

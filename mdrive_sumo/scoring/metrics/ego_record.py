@@ -3,13 +3,13 @@
 import math
 from dataclasses import dataclass
 
-from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent, build_ego_track
+from mdrive_sumo.episode import Ending
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent
 from mdrive_sumo.scoring.metrics.endings import compute_route_completion
+from mdrive_sumo.scoring.metrics.metric import ScoredEpisode
 from mdrive_sumo.scoring.metrics.registry import list_infraction_metrics
+from mdrive_sumo.scoring.metrics.speeding import SpeedExcess, compute_speed_excess
+from mdrive_sumo.scoring.score_mode import ScoreMode
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +20,7 @@ class EgoRecord:
     ending: Ending
     rc: float
     infractions: tuple[InfractionEvent, ...]
+    speed_excess: SpeedExcess
 
     @property
     def ip(self) -> float:
@@ -32,29 +33,25 @@ class EgoRecord:
         return None
 
 
-def build_ego_records(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> tuple[EgoRecord, ...]:
-    """Return the record of every CAV, in the order of the scenario file.
+def build_ego_records(scored: ScoredEpisode, mode: ScoreMode = ScoreMode.MDRIVE) -> tuple[EgoRecord, ...]:
+    """Return the record of every CAV, in the order of the scenario file, with the infractions of a score mode.
 
     Raises InputError for an episode of another scenario and EpisodeMismatch for one that contradicts itself.
     """
-    expected = (scenario.id, tuple(ego.id for ego in scenario.egos))
-    found = (episode.scenario, episode.ego_ids)
-    if found != expected:
-        raise InputError(
-            f"recording of {found[0]}: expected scenario {expected[0]} with CAVs {', '.join(expected[1])},"
-            f" found {found[0]} with {', '.join(found[1])}"
-        )
     return tuple(
-        _build_ego_record(build_ego_track(episode, scenario, roads, column)) for column in range(len(scenario.egos))
+        EgoRecord(
+            track.ego.id,
+            track.ending,
+            compute_route_completion(track),
+            find_infractions(track, mode),
+            compute_speed_excess(track),
+        )
+        for track in scored.tracks
     )
 
 
-def find_infractions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
-    """Return the infractions of one CAV by all metrics, in temporal order."""
-    infractions = [infraction for metric in list_infraction_metrics() for infraction in metric.find(track)]
+def find_infractions(track: EgoTrack, mode: ScoreMode = ScoreMode.MDRIVE) -> tuple[InfractionEvent, ...]:
+    """Return the infractions of one CAV by all metrics of a score mode, in temporal order."""
+    metrics = [metric for metric in list_infraction_metrics() if mode in metric.modes]
+    infractions = [infraction for metric in metrics for infraction in metric.find(track)]
     return tuple(sorted(infractions, key=lambda infraction: infraction.tick))
-
-
-def _build_ego_record(track: EgoTrack) -> EgoRecord:
-    rc = compute_route_completion(track)
-    return EgoRecord(track.ego.id, track.ending, rc, find_infractions(track))

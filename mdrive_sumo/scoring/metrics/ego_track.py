@@ -60,6 +60,19 @@ class EgoTrack:
         nearest, row = self.roads.find_nearest_lanes(self.xy[moved]), np.cumsum(moved) - 1
         return NearestLanes(nearest.lane[row], nearest.distance[row], nearest.yaw[row])
 
+    @cached_property
+    def speed_limits(self) -> Float:
+        """The limit (n,) [m/s] in every tick: that of the lane under the box centre (`RoadMap.legal_speed`).
+
+        Where lanes overlap it is the greatest of those that cover the centre, beside all lanes that of the nearest.
+        """
+        legal = self.roads.legal_speed
+        limits = legal[self.nearest.lane]
+        fast = np.flatnonzero(np.abs(self.speed) > limits)
+        point, lane = self.roads.find_lanes_under(self.xy[fast])
+        np.maximum.at(limits, fast[point], legal[lane])
+        return limits
+
     def make_infraction(self, kind: str, tick: int, other: str = "", factor: float = 1.0) -> InfractionEvent:
         """Return an infraction of this CAV at its position in `tick`."""
         x, y = self.xy[tick].tolist()

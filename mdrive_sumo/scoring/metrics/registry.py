@@ -14,6 +14,7 @@ from mdrive_sumo.scoring.metrics.metric import InfractionMetric, ScalarMetric
 from mdrive_sumo.scoring.metrics.min_pet import MIN_PET
 from mdrive_sumo.scoring.metrics.min_ttc import MIN_TTC
 from mdrive_sumo.scoring.metrics.red_lights import RED_LIGHTS
+from mdrive_sumo.scoring.metrics.speeding import SPEED_LIMITS, SPEEDING
 from mdrive_sumo.scoring.metrics.stop_signs import STOP_SIGNS
 
 METRICS: tuple[InfractionMetric | ScalarMetric, ...] = (
@@ -21,12 +22,14 @@ METRICS: tuple[InfractionMetric | ScalarMetric, ...] = (
     RED_LIGHTS,
     STOP_SIGNS,
     LANE_INFRACTIONS,
+    SPEED_LIMITS,
     ENDINGS,
     MIN_TTC,
     MIN_PET,
     MEAN_SPEED,
     COMFORT,
     MESSAGE_RATE,
+    SPEEDING,
 )
 
 

@@ -26,10 +26,10 @@ MAX_SPEED = ScalarMetric(
 """What the file of a new scalar metric holds."""
 
 
-def find_speeding(track: EgoTrack) -> tuple[InfractionEvent, ...]:
+def find_haste(track: EgoTrack) -> tuple[InfractionEvent, ...]:
     """Return one infraction, at the first tick above 5 m/s."""
     ticks = (track.speed > 5.0).nonzero()[0]
-    return (track.make_infraction("speeding", int(ticks[0]), factor=0.9),) if len(ticks) else ()
+    return (track.make_infraction("haste", int(ticks[0]), factor=0.9),) if len(ticks) else ()
 
 
 def score() -> ScenarioResult:
@@ -54,7 +54,7 @@ def test_a_new_scalar_appears_in_the_results_file_and_in_the_report(tmp_path: Pa
     results = summarize_run(info, [score(), make_void_result(scenario(ego("0"), id="void"), 0, "SUMO stopped")])
     save_results(results, tmp_path / "results.json")
     stored = json.loads((tmp_path / "results.json").read_text())["scenarios"]
-    assert list(stored[0]["scalars"]) == ["min_pet", "mean_speed", "comfort", "message_rate", "max_speed"]
+    assert list(stored[0]["scalars"]) == ["min_pet", "mean_speed", "comfort", "message_rate", "speeding", "max_speed"]
     assert stored[0]["scalars"]["max_speed"] == 10.0
     assert stored[0]["min_ttc"] is None
     assert "scalars" not in stored[1]
@@ -62,16 +62,18 @@ def test_a_new_scalar_appears_in_the_results_file_and_in_the_report(tmp_path: Pa
     assert loaded == results
     table = [line.replace(" ", "") for line in build_run_report(loaded).splitlines()]
     means, header = [line for line in table if "maxspeed[m/s]" in line]
-    assert means == "|bucket|minPET[s]|speed[m/s]|comfort[%]|messages[B/s]|maxspeed[m/s]|"
-    assert header.endswith("|minTTC[s]|minPET[s]|speed[m/s]|comfort[%]|messages[B/s]|maxspeed[m/s]|ticks|CAVs|")
-    assert "|**scenariomean**|-|10.00|100.0|0|10.0|" in table
+    assert means == "|bucket|minPET[s]|speed[m/s]|comfort[%]|messages[B/s]|speeding[%]|maxspeed[m/s]|"
+    assert header.endswith(
+        "|minTTC[s]|minPET[s]|speed[m/s]|comfort[%]|messages[B/s]|speeding[%]|maxspeed[m/s]|ticks|CAVs|"
+    )
+    assert "|**scenariomean**|-|10.00|100.0|0|0.0|10.0|" in table
 
 
 def test_a_new_infraction_multiplies_the_penalty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "METRICS", (*METRICS, InfractionMetric("speeding", find_speeding)))
+    monkeypatch.setattr(registry, "METRICS", (*METRICS, InfractionMetric("haste", find_haste)))
     result = score()
     assert (result.ip, result.ds) == (0.9, 90.0)
-    assert [(one.kind, one.tick, one.factor) for one in result.egos[0].infractions] == [("speeding", 0, 0.9)]
+    assert [(one.kind, one.tick, one.factor) for one in result.egos[0].infractions] == [("haste", 0, 0.9)]
 
 
 def test_names_of_metrics_are_unique() -> None:

@@ -46,7 +46,18 @@ def test_the_file_has_the_published_form(tmp_path: Path) -> None:
         *("id", "bucket", "category", "seed", "status", "reason", "ds", "sr", "rc", "ip", "efficient_sr", "time_ratio"),
         *("min_ttc", "scalars", "digest", "ticks", "egos", "comm", "exchanged", "notes"),
     }
-    assert set(one["egos"][0]) == {"id", "outcome", "reason", "ds", "rc", "ip", "ticks", "time_ratio", "infractions"}
+    assert set(one["egos"][0]) == {
+        "id",
+        "outcome",
+        "reason",
+        "ds",
+        "rc",
+        "ip",
+        "ticks",
+        "time_ratio",
+        "infractions",
+        "speeding",
+    }
     collision, stop_sign = one["egos"][0]["infractions"]
     assert set(stop_sign) == {"kind", "tick", "x", "y", "factor", "other"}
     assert set(collision) == set(stop_sign) | {"impact_speed"}

@@ -23,7 +23,7 @@ from mdrive_sumo.scoring import (
     make_void_result,
     summarize_run,
 )
-from mdrive_sumo.scoring.metrics import EgoRecord, InfractionEvent
+from mdrive_sumo.scoring.metrics import EgoRecord, InfractionEvent, SpeedExcess
 
 FACTORS = {
     "collision-pedestrian": 0.5,
@@ -37,7 +37,7 @@ FACTORS = {
 def record(*kinds: str, ego_id: str = "0", rc: float = 100.0) -> EgoRecord:
     """A CAV with these infractions."""
     found = tuple(InfractionEvent(kind, 0, 0.0, 0.0, FACTORS[kind]) for kind in kinds)
-    return EgoRecord(ego_id, Ending(ego_id, 9, End.ARRIVED), rc, found)
+    return EgoRecord(ego_id, Ending(ego_id, 9, End.ARRIVED), rc, found, SpeedExcess(0.0, 0.0))
 
 
 def numbers(records: Sequence[EgoRecord], mode: str) -> tuple[float, float, float, float]:
@@ -87,6 +87,7 @@ def test_success_is_over_99_95(share: float, successes: float) -> None:
         Ending("0", 9, End.ARRIVED),
         100.0,
         (InfractionEvent("outside-lanes", 9, 0.0, 0.0, 1 - share),),
+        SpeedExcess(0.0, 0.0),
     )
     assert numbers([off], "mdrive")[1] == successes
 

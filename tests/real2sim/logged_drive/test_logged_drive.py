@@ -9,7 +9,7 @@ from testing.fit_crossing import DT_S, Made, crossing, made, seconds, track
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scoring.metrics import build_ego_records
+from mdrive_sumo.scoring.metrics import ScoredEpisode, build_ego_records
 from real2sim.fidelity_targets import build_logged_drive_target
 from real2sim.logged_drive import (
     ConfirmedInfraction,
@@ -107,7 +107,7 @@ def test_an_arrived_drive_gets_the_infractions_that_the_score_of_an_episode_has(
     tracks = moved(scene, x, 0.0)
     drive = scored(scene, tracks)
     record = record_logged_drive(scene.scenario, roads, {one.id: one for one in tracks}, DT_S).record
-    (live,) = build_ego_records(record, scene.scenario, roads)
+    (live,) = build_ego_records(ScoredEpisode(record, scene.scenario, roads))
     assert drive.cavs[0].end == "arrived"
     assert [(one.kind, round(one.time_s * 20), one.factor) for one in found_in(drive)] == [
         (one.kind, one.tick, one.factor) for one in live.infractions

@@ -24,7 +24,7 @@ from testing.score_golden import (
 from testing.scored_records import events, record
 
 from mdrive_sumo.core.state import Actors, End, Kind
-from mdrive_sumo.scoring.metrics import build_ego_records
+from mdrive_sumo.scoring.metrics import ScoredEpisode, build_ego_records
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,9 @@ def test_both_cavs_of_a_pair_pay() -> None:
     both = {5: [hit("0", "1"), hit("1", "0")]}
     drives = {"0": arriving(), "1": arriving(y=20.0)}
     on = roads(lane("a", (-50, 0), (150, 0)), lane("b", (-50, 20), (150, 20)))
-    found = build_ego_records(episode(about, drives, {"0": End.ARRIVED, "1": End.ARRIVED}, both), about, on)
+    found = build_ego_records(
+        ScoredEpisode(episode(about, drives, {"0": End.ARRIVED, "1": End.ARRIVED}, both), about, on)
+    )
     assert [(one.ip, one.infractions[0].other) for one in found] == [(0.6, "1"), (0.6, "0")]
 
 
@@ -179,7 +181,7 @@ def test_factors_multiply() -> None:
 def impact_speeds(rows: list[Row], tick: int, other: str = "npc", actors: Actors | None = None) -> list[float | None]:
     about = scenario(ego("0"))
     recorded = episode(about, {"0": rows}, {"0": End.AGENT_FAILED}, {tick: [hit("0", other)]}, actors)
-    (record,) = build_ego_records(recorded, about, street())
+    (record,) = build_ego_records(ScoredEpisode(recorded, about, street()))
     return [found.impact_speed for found in record.infractions if found.kind.startswith("collision")]
 
 
@@ -208,7 +210,7 @@ def test_a_contact_in_the_first_tick_has_the_speed_of_that_tick() -> None:
 def test_infractions_other_than_collisions_have_no_impact_speed() -> None:
     about = scenario(ego("0"))
     recorded = episode(about, {"0": straight(602, speed=0.0)}, {"0": End.BLOCKED})
-    (record,) = build_ego_records(recorded, about, street())
+    (record,) = build_ego_records(ScoredEpisode(recorded, about, street()))
     assert record.infractions and all(found.impact_speed is None for found in record.infractions)
 
 

@@ -40,7 +40,7 @@ def scored(**scalars: float | None) -> ScenarioResult:
 
 def test_all_scalars_are_in_a_result() -> None:
     result = score_episode(RECORDED, ABOUT, street(), ScoreMode.MDRIVE, seed=1)
-    assert set(result.scalars) == {"min_pet", "mean_speed", "comfort", "message_rate"}
+    assert set(result.scalars) == {"min_pet", "mean_speed", "comfort", "message_rate", "speeding"}
     assert result.scalars["comfort"] == 100.0
 
 

@@ -13,7 +13,7 @@ from testing.scored_records import record
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
-from mdrive_sumo.scoring.metrics import EpisodeMismatch, build_ego_records
+from mdrive_sumo.scoring.metrics import EpisodeMismatch, ScoredEpisode, build_ego_records
 
 
 def test_a_clean_drive_has_no_infractions() -> None:
@@ -70,4 +70,4 @@ def test_a_recording_that_contradicts_its_frames_is_refused(rows: list[Row], end
 def test_an_episode_of_another_scenario_is_refused() -> None:
     recorded = episode(scenario(), {"0": arriving()}, {"0": End.ARRIVED})
     with pytest.raises(InputError, match="expected scenario other"):
-        build_ego_records(recorded, scenario(id="other"), street())
+        build_ego_records(ScoredEpisode(recorded, scenario(id="other"), street()))

@@ -12,7 +12,7 @@ from testing.score_golden import (
 from testing.scored_records import Events, events
 
 from mdrive_sumo.core.state import End
-from mdrive_sumo.scoring.metrics import EpisodeMismatch, build_ego_records
+from mdrive_sumo.scoring.metrics import EpisodeMismatch, ScoredEpisode, build_ego_records
 
 
 def crossing(letters: dict[int, str], signals: str = "program", y: float = 0.0) -> Events:
@@ -24,7 +24,7 @@ def crossing(letters: dict[int, str], signals: str = "program", y: float = 0.0) 
     about = scenario(ego(lanes=("in", "out")), signals=signals)
     states = {tick: {"junction": "r" + letter} for tick, letter in letters.items()}
     recorded = episode(about, {"0": arriving(y=y)}, {"0": End.ARRIVED}, signals=states)
-    return events(build_ego_records(recorded, about, on)[0])
+    return events(build_ego_records(ScoredEpisode(recorded, about, on))[0])
 
 
 @pytest.mark.parametrize(
