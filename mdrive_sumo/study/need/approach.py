@@ -104,11 +104,13 @@ class UserReaction:
     """The drive of the other road user, and what it can change about it."""
 
     tables: SightTables
+    keeps_course: bool = False
+    """Whether it does so although it is a vehicle."""
 
     @property
     def reacts(self) -> bool:
         """Whether it changes its course when it sees the CAV."""
-        return bool(self.tables.record.kind[self.tables.zone.road_user] == Kind.VEHICLE)
+        return not self.keeps_course and bool(self.tables.record.kind[self.tables.zone.road_user] == Kind.VEHICLE)
 
     @cached_property
     def _way(self) -> Float:

@@ -1,4 +1,4 @@
-"""Which states of a CAV on its way to a conflict zone end in a collision that only a message prevents."""
+"""Which states of a CAV on its way to a conflict zone end in a collision for some start of the other road user."""
 
 import math
 from dataclasses import dataclass
@@ -16,15 +16,18 @@ from mdrive_sumo.study.need.sight_tables import SightTables
 
 @dataclass(frozen=True)
 class DoomTest:
-    """Whether a state of the CAV lets some start of the other road user end in a collision that a message prevents."""
+    """Whether a state of the CAV lets some start of the other road user end in a collision."""
 
     tables: SightTables
-    witnesses: Witnesses
+    witnesses: Witnesses | None
+    """The stations of which one must see the road user early enough; None: whether one does is not asked."""
+    keeps_course: bool = False
+    """Whether the road user brakes for no CAV although it is a vehicle: a scripted actor that avoids no collision."""
 
     @cached_property
     def reaction(self) -> UserReaction:
         """What the other road user can do."""
-        return UserReaction(self.tables)
+        return UserReaction(self.tables, self.keeps_course)
 
     @cached_property
     def _is_there_at_start(self) -> bool:
@@ -40,12 +43,13 @@ class DoomTest:
         """Return whether for every such state in a bin of time there is a start of the road user with these properties.
 
         The CAV could not see it in any tick before, wherever it may have been. After the state neither can avoid the
-        other. And a station has seen it early enough.
+        other. And a station has seen it early enough, if `witnesses` are given.
         """
         ticks = self._list_candidates(state)
         ticks = ticks[~self._find_seen(state, number, ticks)] if len(ticks) else ticks
         return any(
-            self.witnesses.see(number, tick) and not self._can_react(state, number, tick) for tick in ticks.tolist()
+            (self.witnesses is None or self.witnesses.see(number, tick)) and not self._can_react(state, number, tick)
+            for tick in ticks.tolist()
         )
 
     def _list_candidates(self, state: ApproachState) -> Int:

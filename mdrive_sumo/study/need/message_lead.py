@@ -151,6 +151,14 @@ class ReferenceDrive:
             lead_s=0.0 if first is None else round(max(until - first, 0) * DT, 2),
         )
 
+    @cached_property
+    def is_told(self) -> bool:
+        """Whether a station can tell the CAV of the road user while the CAV can stop before the zone."""
+        if self.witnesses.tells_of_itself:
+            return True
+        last = min(max(self.find_stopping_tick(), self.tables.first_tick), self.tables.zone.enter)
+        return any(any(self.witnesses.list_seeing_at(tick)) for tick in range(last, self.tables.first_tick - 1, -2))
+
     def find_stopping_tick(self) -> int:
         """Return the last tick at which the CAV could have stopped before the zone."""
         e, motion, zone = self.tables.record, self.tables.motion, self.tables.zone

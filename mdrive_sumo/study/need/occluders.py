@@ -79,6 +79,8 @@ class StandingVehicles:
     record: EpisodeRecord
     over_roofs: bool
     """Whether only vehicles higher than a LiDAR on the roof count, not all that hide something in the plane."""
+    absent: frozenset[int] = frozenset()
+    """Columns of what hides nothing, because it may not be there."""
 
     @cached_property
     def bins(self) -> int:
@@ -88,7 +90,9 @@ class StandingVehicles:
     @cached_property
     def columns(self) -> Int:
         """(C,) columns of road users and props that can hide something."""
-        return np.flatnonzero(find_opaque(self.record, self.over_roofs))
+        opaque = find_opaque(self.record, self.over_roofs)
+        opaque[list(self.absent)] = False
+        return np.flatnonzero(opaque)
 
     @cached_property
     def standing(self) -> Bool:

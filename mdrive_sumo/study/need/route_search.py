@@ -1,0 +1,160 @@
+"""Least arrival time of a CAV without messages that is safe against every hidden road user of its whole route."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import DT
+from mdrive_sumo.study.need.approach import OVERRUN_M, ApproachState
+from mdrive_sumo.study.need.doom import DoomTest
+from mdrive_sumo.study.need.message_lead import ReferenceDrive
+from mdrive_sumo.study.need.motion import STEP_M
+from mdrive_sumo.study.need.occluders import BIN_TICKS
+from mdrive_sumo.study.need.speed_grid import SpeedGrid
+
+MOST_BINS = 10
+"""A doomed state counts as open after so many bins of time (5 s), whatever is true then, unless it is doomed for
+good."""
+
+
+@dataclass(frozen=True)
+class ZoneStates:
+    """The states of a grid at the stations before and in one conflict zone."""
+
+    grid: SpeedGrid
+    doom: DoomTest
+    reference: ReferenceDrive
+
+    @cached_property
+    def steps(self) -> range:
+        """The stations, as numbers of steps, from where even the fastest can stop to the end of the zone."""
+        motion, zone = self.grid.motion, self.doom.tables.zone
+        room = motion.top_speed * motion.top_speed / (2.0 * motion.deceleration)
+        first = max(math.floor((zone.enter_m + OVERRUN_M - room) / STEP_M), 1)
+        return range(first, min(math.floor(zone.leave_m / STEP_M), self.grid.steps) + 1)
+
+    def delay(self, step: int, times: Float) -> Float:
+        """Return (C,) the least times [s] at a station at which no state is doomed that comes there by those (C,)."""
+        if step not in self.steps:
+            return times
+        ranges = self.grid.ranges.tolist()
+        return np.concatenate(
+            [
+                self._delay_range(step, number, times[slice(*ranges[number : number + 2])])
+                for number in range(len(ranges) - 1)
+            ]
+        )
+
+    def _delay_range(self, step: int, number: int, times: Float) -> Float:
+        first_s = float(times.min())
+        if not math.isfinite(first_s):
+            return times
+        return np.maximum(times, self._find_opening(step, number, first_s))
+
+    def _find_opening(self, step: int, number: int, first_s: float) -> float:
+        """Return a time [s] before which all states of a range are doomed, from the given time on; it or less if
+        they are not."""
+        state = self._build_state(step, number)
+        if not state.is_committed:
+            return first_s
+        first = _find_bin(first_s)
+        if not self._is_doomed(step, number, first):
+            return first_s
+        if self._is_doomed(step, number, self._last_bin):
+            return math.inf
+        end = min(first + MOST_BINS, self._last_bin)
+        opening = next((later for later in range(first + 1, end) if not self._is_doomed(step, number, later)), end)
+        return opening * BIN_TICKS * DT
+
+    @cached_property
+    def _last_bin(self) -> int:
+        """A bin in which only what stands for good has hidden anything; who is doomed in it was doomed before."""
+        return self.doom.steady_from + _find_bin(self.grid.motion.fastest_times[-1])
+
+    def meets(self, step: int, cell: int, time_s: float) -> bool:
+        """Return whether a drive is doomed that passes a station in a cell of speed at a time [s]."""
+        number = int(np.searchsorted(self.grid.ranges, cell, side="right")) - 1
+        return step in self.steps and self._find_opening(step, number, time_s) > time_s
+
+    @property
+    def is_told(self) -> bool:
+        """Whether a message can tell of the road user in time in the reference drive."""
+        return self.reference.is_told
+
+    @cached_property
+    def _states(self) -> dict[tuple[int, int], ApproachState]:
+        return {}
+
+    def _build_state(self, step: int, number: int) -> ApproachState:
+        if (step, number) not in self._states:
+            slow, fast = self.grid.bounds[self.grid.ranges[number : number + 2]].tolist()
+            tables, station = self.doom.tables, step * STEP_M
+            self._states[step, number] = ApproachState(tables.motion, tables.zone, station, station, slow, fast)
+        return self._states[step, number]
+
+    @cached_property
+    def _doomed(self) -> dict[tuple[int, int, int], bool]:
+        return {}
+
+    def _is_doomed(self, step: int, number: int, time_bin: int) -> bool:
+        key = step, number, time_bin
+        if key not in self._doomed:
+            self._doomed[key] = self.doom.is_doomed(self._build_state(step, number), time_bin)
+        return self._doomed[key]
+
+
+@dataclass(frozen=True, slots=True)
+class SafeArrival:
+    """The least arrival time that is found."""
+
+    time_s: float
+    """Infinite if no drive is safe."""
+    zones: tuple[ZoneStates, ...]
+    """Those that the bound rests on."""
+
+
+def find_safe_arrival(grid: SpeedGrid, zones: Sequence[ZoneStates]) -> SafeArrival:
+    """Return a lower bound of when a drive arrives that passes no doomed state of any zone.
+
+    Zones are added one by one: as long as the fastest way past the zones so far passes doomed states of another one.
+    """
+    chosen: list[ZoneStates] = []
+    left = list(zones)
+    rows = [grid.start()]
+    while True:
+        _search(grid, chosen, rows)
+        arrival_s = float(rows[-1].min())
+        if not math.isfinite(arrival_s):
+            return SafeArrival(arrival_s, tuple(chosen))
+        way = list(_trace(grid, rows))
+        met = next((zone for zone in left if any(zone.meets(*place) for place in way) and zone.is_told), None)
+        if met is None:
+            return SafeArrival(arrival_s, tuple(chosen))
+        chosen.append(met)
+        left.remove(met)
+        del rows[met.steps.start :]
+
+
+def _search(grid: SpeedGrid, zones: Sequence[ZoneStates], rows: list[Float]) -> None:
+    """Append the (C,) least times [s] in every cell of speed at the stations that lack them."""
+    for step in range(len(rows), grid.steps + 1):
+        times = grid.advance(rows[-1], step - 1)
+        for zone in zones:
+            times = zone.delay(step, times)
+        rows.append(times)
+
+
+def _trace(grid: SpeedGrid, rows: Sequence[Float]) -> Iterator[tuple[int, int, float]]:
+    """Yield the steps, cells and times [s] of the fastest way, from the goal back to the start."""
+    cell = int(rows[-1].argmin())
+    for step in range(grid.steps, 0, -1):
+        yield step, cell, float(rows[step][cell])
+        cell = grid.find_begin(rows[step - 1], step - 1, cell)
+
+
+def _find_bin(time_s: float) -> int:
+    return math.floor(time_s / DT + 1e-9) // BIN_TICKS
