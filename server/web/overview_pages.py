@@ -11,9 +11,10 @@ from server.api import submission_views
 from server.api.comparison import compare_submissions
 from server.api.cross_play_board import CrossPlayOut, read_cross_play
 from server.api.csv_format import csv_headers, to_csv
-from server.api.dependencies import Services, ServicesDep
+from server.api.dependencies import Now, Services, ServicesDep
+from server.api.ranking_board import RankedSubmissionOut
 from server.api.routes import results
-from server.api.routes.overviews import search_names
+from server.api.routes.overviews import find_ranking, search_names
 from server.api.schemas.parameters import PHASE_PATTERN, Id
 from server.api.submission_views import Caller
 from server.enums import SubmissionState
@@ -119,6 +120,31 @@ async def download_cross_play(phase: PhaseQuery, visitor: OptionalVisitor, servi
     board = await services.run_large_read(lambda: _find_board(phase, visitor, services))
     headers = csv_headers(f"cross-play-{phase}") | {"Cache-Control": "no-store"}
     return Response(_format_cross_play(board), media_type="text/csv", headers=headers)
+
+
+@router.get("/ranking")
+async def show_ranking(request: Request, phase: PhaseQuery, services: ServicesDep, at_us: Now) -> Response:
+    """Show the ranking of a public phase by item response."""
+    ranking = await find_ranking(phase, services, at_us)
+    title = await services.run_large_read(lambda: _find_title(phase, services))
+    return render_page(
+        request, "ranking.html", ranking=ranking, title=title, tracks=TRACK_LABELS, sensing=SENSING_LABELS
+    )
+
+
+@router.get("/ranking.csv")
+async def download_ranking(phase: PhaseQuery, services: ServicesDep, at_us: Now) -> Response:
+    """Return the ranking as CSV."""
+    ranking = await find_ranking(phase, services, at_us)
+    header = tuple(RankedSubmissionOut.model_fields)
+    rows = (tuple(getattr(agent, name) for name in header) for agent in ranking.agents)
+    headers = csv_headers(f"ranking-{phase}") | {"Cache-Control": "no-cache"}
+    return Response(to_csv(header, rows), media_type="text/csv", headers=headers)
+
+
+def _find_title(phase: str, services: Services) -> str:
+    with services.store.read() as session:
+        return phases.get(session, phase).title
 
 
 def _render_board(request: Request, phase: str, visitor: Visitor | None, services: Services) -> Response:

@@ -19,6 +19,7 @@ from mdrive_sumo.report.comparison_report.outcome_tables import (
     build_scalar_table,
 )
 from mdrive_sumo.report.comparison_report.provenance_table import build_provenance_table, list_facts, list_warnings
+from mdrive_sumo.report.comparison_report.ranking_table import NEEDS_AGENTS, build_ranking_table
 from mdrive_sumo.report.comparison_report.report_figures import (
     ReportFigure,
     make_difference_figure,
@@ -91,6 +92,7 @@ def build_comparison_report(
     made_by = f"Command: {shlex.join(command)}" if command else ""
     sections = (
         ReportSection("Scores", (build_main_table(agents, published), build_bucket_table(agents))),
+        _make_ranking_section(agents),
         _make_category_section(agents),
         _make_difference_section(agents, baseline),
         ReportSection("Outcomes and infractions", (build_outcome_table(agents), build_infraction_table(agents))),
@@ -110,6 +112,11 @@ def build_comparison_report(
 def _make_title(agents: Sequence[ComparedAgent]) -> str:
     names = ", ".join(agent.name for agent in agents) if len(agents) <= 3 else f"{len(agents)} agents"
     return f"{agents[0].results.run.suite_label}: {names}"
+
+
+def _make_ranking_section(agents: Sequence[ComparedAgent]) -> ReportSection:
+    table = build_ranking_table(agents)
+    return ReportSection("Ranking by item response", (table,) if table else (), note="" if table else NEEDS_AGENTS)
 
 
 def _make_category_section(agents: Sequence[ComparedAgent]) -> ReportSection:

@@ -1,5 +1,6 @@
 """Overviews of several submissions: compare two, search by name, the matrix of teams and scenarios."""
 
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Query
@@ -8,9 +9,10 @@ from sqlalchemy import or_, select
 from server.api import submission_views
 from server.api.comparison import compare_submissions
 from server.api.cross_play_board import CrossPlayOut, read_cross_play
-from server.api.dependencies import AdminCaller, OptionalCaller, ServicesDep
+from server.api.dependencies import AdminCaller, Now, OptionalCaller, Services, ServicesDep
 from server.api.matrix import read_matrix
 from server.api.problems import document_problems
+from server.api.ranking_board import RankingOut, read_ranking
 from server.api.schemas.leaderboards import FoundTeamOut, SearchOut
 from server.api.schemas.parameters import Id, PhaseId, SearchText
 from server.api.schemas.scenarios import ComparisonOut, MatrixOut
@@ -57,6 +59,17 @@ async def show_matrix(
 async def show_cross_play(phase: PhaseId, caller: OptionalCaller, services: ServicesDep) -> CrossPlayOut:
     """Return how each agent drives among CAVs of each other; of a hidden phase for admins only."""
     return await services.run_large_read(lambda: read_cross_play(services.store, caller, phase))
+
+
+@router.get("/phases/{phase}/ranking", responses=document_problems(403, 404, 422))
+async def show_ranking(phase: PhaseId, services: ServicesDep, at_us: Now) -> RankingOut:
+    """Return abilities by item response with ranks, ties and intervals; of a public phase only."""
+    return await find_ranking(phase, services, at_us)
+
+
+async def find_ranking(phase: str, services: Services, at_us: int) -> RankingOut:
+    """Return the ranking of a phase, which is computed anew when a board may have changed."""
+    return await services.leaderboards.get(("ranking", phase), partial(read_ranking, phase_id=phase), at_us)
 
 
 def search_names(store: Store, caller: Caller | None, text: str) -> SearchOut:

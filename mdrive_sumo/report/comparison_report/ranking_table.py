@@ -1,0 +1,57 @@
+"""The ranking of a report by item response, beside its means."""
+
+from collections.abc import Mapping, Sequence
+
+from mdrive_sumo.core.statistics import MIN_UNITS, ConfidenceInterval
+from mdrive_sumo.core.tables import Cell, Column, IntervalStyle, Row, Table, make_row
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
+from mdrive_sumo.scenario.packaged_suites import find_packaged_suite
+from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.scoring.item_response import LEAST_AGENTS, RankedAgent, rank_agents
+
+RANKING_NOTE = (
+    "Ability: the driving score that is expected in a scenario of mean difficulty, from a joint fit of all agents and"
+    " scenarios (beta-3 item response, docs/scoring.md). A rank is 1 + the number of agents that are clearly abler, so"
+    " agents that are not told apart are tied. Intervals: 95 %, places drawn anew, then scenarios, then seeds."
+)
+NEEDS_AGENTS = f"A ranking by item response needs runs of at least {LEAST_AGENTS} agents with common seeds."
+
+
+def build_ranking_table(agents: Sequence[ComparedAgent], name: str = "ranking") -> Table | None:
+    """Return the agents, the ablest first; None for too few agents, or without a seed that all of them have."""
+    scores = {
+        agent.name: {one.key: one.ds for one in agent.results.scenarios if one.status == "ok"} for agent in agents
+    }
+    if len(agents) < LEAST_AGENTS or not set.intersection(*(set(table) for table in scores.values())):
+        return None
+    groups = {agent.name: agent.rank_group if agent.is_ranked else None for agent in agents}
+    ranking = rank_agents(scores, find_places(agents[0]), groups)
+    missing = "" if ranking.places >= MIN_UNITS else f" {ranking.places} places are too few for intervals."
+    return Table(
+        name,
+        "Ranking by item response",
+        (
+            Column("agent", "Agent"),
+            Column("rank", "rank", decimals=0),
+            Column("rank_interval", "95 % of ranks"),
+            Column("ability", "ability", decimals=1, intervals=IntervalStyle.ENDS),
+            Column("ds", "mean DS", decimals=1),
+        ),
+        tuple(_make_row(one, ranking.places) for one in ranking.agents),
+        RANKING_NOTE + missing,
+    )
+
+
+def find_places(agent: ComparedAgent) -> Mapping[str, str]:
+    """Return the network of each scenario of a packaged suite; of others nothing: each scenario is a place."""
+    suite = agent.results.run.suite_label
+    if find_packaged_suite(suite) is None:
+        return {}
+    return {scenario.id: scenario.network for scenario in load_suite(suite)}
+
+
+def _make_row(one: RankedAgent, places: int) -> Row:
+    ends = "-" if one.rank_low is None else f"{one.rank_low} to {one.rank_high}"
+    interval = ConfidenceInterval(one.ability, one.low, one.high, places)
+    rank = None if one.rank is None else float(one.rank)
+    return make_row((one.agent, rank, ends, Cell(one.ability, interval), one.mean))
