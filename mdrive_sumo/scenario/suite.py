@@ -81,6 +81,8 @@ class SuiteFile(BaseModel):
 
     Those of a suite of a season, 0 too, are beside it.
     """
+    only: tuple[Identifier, ...] = Field(default=(), exclude_if=lambda only: not only)
+    """Ids of the scenarios that it has of its parts; absent: all of them."""
     checksum: str = ""
     """Checksum of the sealed suite, see `Suite.checksum`; "": it may be changed."""
     score_mode: ScoreModeName | None = Field(default=None, exclude_if=lambda mode: mode is None)
@@ -226,7 +228,7 @@ def load_suite(name_or_folder: str) -> Suite:
         raise InputError(_describe_unknown_suite(str(name_or_folder)))
     about = _suite_file(folder / SUITE_FILE)
     parts = _parts(about, folder)
-    suite = Suite(about, folder, _scenarios_of(parts, folder) if parts else _scenarios(folder), parts)
+    suite = Suite(about, folder, _scenarios_of(parts, about, folder) if parts else _scenarios(folder), parts)
     if about.checksum and about.checksum != suite.checksum():
         raise InputError(
             f"{folder / SUITE_FILE}: checksum: expected scenarios and networks with {about.checksum[:19]}...,"
@@ -271,6 +273,10 @@ def _scenarios(folder: Path) -> tuple[Scenario, ...]:
 
 
 def _parts(about: SuiteFile, folder: Path) -> tuple[Suite, ...]:
+    if about.only and not about.parts:
+        raise InputError(
+            f"{folder / SUITE_FILE}: only: expected none in a suite without parts, found {about.only[0]!r}"
+        )
     parts = tuple(load_suite(str(_find_part_folder(name, about, folder))) for name in about.parts)
     if nested := [part.name for part in parts if part.about.parts]:
         raise InputError(f"{folder}: expected parts with scenarios of their own, found {nested[0]!r}, which has parts")
@@ -291,12 +297,17 @@ def _find_part_folder(name: str, about: SuiteFile, folder: Path) -> Path:
     return find_packaged_suite(read_stored_name(name)) or beside
 
 
-def _scenarios_of(parts: Sequence[Suite], folder: Path) -> tuple[Scenario, ...]:
+def _scenarios_of(parts: Sequence[Suite], about: SuiteFile, folder: Path) -> tuple[Scenario, ...]:
     scenarios = tuple(scenario for part in parts for scenario in part.scenarios)
     ids = [scenario.id for scenario in scenarios]
     if twice := sorted({name for name in ids if ids.count(name) > 1}):
         raise InputError(f"{folder}: expected every scenario id once in its parts, found {twice[0]!r} twice")
-    return scenarios
+    if missing := sorted(set(about.only) - set(ids)):
+        raise InputError(
+            f"{folder / SUITE_FILE}: only: expected ids of scenarios of {', '.join(about.parts) or 'its parts'},"
+            f" found {missing[0]!r}{suggest_name(missing[0], ids)}"
+        )
+    return tuple(scenario for scenario in scenarios if not about.only or scenario.id in about.only)
 
 
 def save_suite(suite: Suite) -> None:
