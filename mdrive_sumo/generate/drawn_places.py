@@ -29,8 +29,13 @@ class PlaceChoice:
     parameters: Mapping[str, Value] = field(default_factory=dict)
 
 
-def list_choices(proposal: Proposal) -> Sequence[PlaceChoice]:
-    """Return the kinds of places on which a proposal may be staged; one that is named twice is drawn twice as often."""
+def list_choices(proposal: Proposal, *, at_signals: bool = False) -> Sequence[PlaceChoice]:
+    """Return the kinds of places on which a proposal may be staged; one that is named twice is drawn twice as often.
+
+    at_signals: of those with signals instead of those without. Raises KeyError for a topology that has none.
+    """
+    if at_signals:
+        return CHOICES_AT_SIGNALS[proposal.topology, proposal.needs_multi_lane]
     return CHOICES[proposal.topology, proposal.needs_multi_lane, proposal.needs_on_ramp]
 
 
@@ -47,13 +52,15 @@ _BENDING_MOTORWAYS = tuple(
 )
 """In the paper's lane changes CAVs turn by 43 deg in 101 m: slow motorways have the tightest bends."""
 _STREETS = (
-    *(_choose("corridor", junctions=0, lanes=2, signals="none", parking=side) for side in ("none", "one_side")),
-    _choose("corridor", junctions=0, lanes=2, signals="none", parking="none", sinuosity=0.0),
+    *(_choose("corridor", junctions=0, lanes=2, zebras=0, parking=side) for side in ("none", "one_side")),
+    _choose("corridor", junctions=0, lanes=2, zebras=0, parking="none", sinuosity=0.0),
     _choose("arterial", junctions=0, lanes=2, sinuosity=0.0),
 )
 _JUNCTION_STREET = {
-    lanes: _choose("corridor", junctions=1, lanes=lanes, signals="none", has_bus_stops=False) for lanes in (1, 2)
+    lanes: _choose("corridor", junctions=1, lanes=lanes, signals="none", zebras=0, has_bus_stops=False)
+    for lanes in (1, 2)
 }
+"""Two lanes have signals at a zebra crossing; the one between junctions does not touch the routes at one junction."""
 _ROUNDABOUTS = tuple(
     _choose("roundabout", arms=arms, lanes=1, radius_m=radius_m, bend=bend)
     for arms, radius_m in ((3, 14.0), (4, 15.0), (4, 17.0))
@@ -65,16 +72,15 @@ _RULES = ("right_before_left", "priority", "stop", "all_way_stop")
 CHOICES: Final[Mapping[tuple[Topology, bool, bool], Sequence[PlaceChoice]]] = {
     (Topology.INTERSECTION, False, False): (
         *(_choose("crossing", arms=4, control=control, main_lanes=1, side_lanes=1) for control in _RULES),
-        _choose("crossing", arms=5, main_lanes=1, side_lanes=1),
-        _choose("crossing", arms=4, main_lanes=2),
+        _choose("crossing", arms=5, control="priority", main_lanes=1, side_lanes=1),
+        _choose("crossing", arms=4, control="priority", main_lanes=2),
         _JUNCTION_STREET[1],
     ),
     (Topology.INTERSECTION, True, False): (
-        _choose("crossing", arms=4, main_lanes=2),
-        _choose("crossing", arms=4, main_lanes=2, side_lanes=2),
-        _choose("crossing", arms=4, main_lanes=3),
-        _JUNCTION_STREET[2],
-        _choose("arterial", junctions=1, lanes=2),
+        _choose("crossing", arms=4, control="priority", main_lanes=2),
+        _choose("crossing", arms=4, control="stop", main_lanes=2),
+        _choose("crossing", arms=4, control="priority", main_lanes=2, side_lanes=2),
+        _choose("crossing", arms=4, control="priority", main_lanes=3),
     ),
     (Topology.T_JUNCTION, False, False): (
         *(_choose("crossing", arms=3, control=control, main_lanes=1, side_lanes=1) for control in _RULES),
@@ -83,7 +89,7 @@ CHOICES: Final[Mapping[tuple[Topology, bool, bool], Sequence[PlaceChoice]]] = {
         _choose("country_road", tracks=1),
     ),
     (Topology.T_JUNCTION, True, False): (
-        _choose("crossing", arms=3, main_lanes=2),
+        *(_choose("crossing", arms=3, control=control, main_lanes=2) for control in ("priority", "stop")),
         _JUNCTION_STREET[2],
     ),
     (Topology.CORRIDOR, False, False): _STREETS,
@@ -96,7 +102,24 @@ CHOICES: Final[Mapping[tuple[Topology, bool, bool], Sequence[PlaceChoice]]] = {
     (Topology.HIGHWAY, True, False): _BENDING_MOTORWAYS,
     (Topology.ROUNDABOUT, False, False): _ROUNDABOUTS,
 }
-"""By topology, whether several lanes are needed, and whether a ramp is."""
+"""By topology, whether several lanes are needed, and whether a ramp is. Those at junctions have no signals: what the
+categories stage there is who goes first by signs or without (`CHOICES_AT_SIGNALS` has the others)."""
+CHOICES_AT_SIGNALS: Final[Mapping[tuple[Topology, bool], Sequence[PlaceChoice]]] = {
+    (Topology.INTERSECTION, False): (
+        *(_choose("crossing", arms=4, control="signals", main_lanes=lanes) for lanes in (1, 2)),
+        _choose("corridor", junctions=1, lanes=1, signals="all", zebras=0, has_bus_stops=False),
+    ),
+    (Topology.INTERSECTION, True): (
+        _choose("crossing", arms=4, control="signals", main_lanes=2),
+        _choose("crossing", arms=4, control="signals", main_lanes=2, side_lanes=2),
+        _choose("crossing", arms=4, control="signals", main_lanes=3),
+        _choose("corridor", junctions=1, lanes=2, signals="all", zebras=0, has_bus_stops=False),
+        _choose("arterial", junctions=1, lanes=2),
+    ),
+    (Topology.T_JUNCTION, False): (_choose("crossing", arms=3, control="signals", main_lanes=1),),
+    (Topology.T_JUNCTION, True): (_choose("crossing", arms=3, control="signals", main_lanes=2),),
+}
+"""Places with signals, by topology and whether several lanes are needed."""
 
 
 def draw_fitting_network(

@@ -7,8 +7,15 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 
 from mdrive_sumo.generate.category_requirements import find_requirements
-from mdrive_sumo.generate.proposal import Maneuver, Proposal
-from mdrive_sumo.generate.proposal_drafts import Draft, add_followers, draft_ego, draft_relation, relate_followers
+from mdrive_sumo.generate.proposal import (
+    Draft,
+    Maneuver,
+    Proposal,
+    add_followers,
+    draft_ego,
+    draft_relation,
+    relate_followers,
+)
 from mdrive_sumo.scenario.categories import InterDriveCategory
 from mdrive_sumo.worlds.network_features import Topology
 

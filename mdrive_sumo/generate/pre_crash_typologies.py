@@ -4,7 +4,7 @@ Numbers: Najm, Smith, Yanagisawa, Pre-Crash Scenario Typology for Crash Avoidanc
 typologies in the order of its list; names are our own words. Numbers are from knowledge of the list; the report itself
 was not at hand to check them against. Left out are those that
 - need what a flat road with scripted road users has not got: vehicle failure 1, loss of control 2 and 3, leaving the
-  road 6 to 8, animals 9 and 10, drifting 19; running a red light 4, for lights are at rest;
+  road 6 to 8, animals 9 and 10, drifting 19; running a red light 4, for scripted road users know no lights;
 - are other categories of the bucket: changing lanes 18, objects 35 and 36;
 - leave no way to avoid a collision: oncoming vehicles 20 and 21;
 - are much like one that is here: backing up 15 (17), turning side by side 16 (28), other leads 22 to 24 (25 and 26);
@@ -15,13 +15,14 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.generate.proposal_drafts import Draft, draft_relation
+from mdrive_sumo.generate.proposal import Draft, Proposal, draft_relation
 from mdrive_sumo.worlds.network_features import Topology
 
 HOUSES = ("old_town", "old_town", "school_crossing", "town_crossing", "town_crossing")
 """Crossings with houses or hedges at the corners; repeated names are chosen more often."""
 BENDS = ("old_town", "old_town", "old_town", "school_crossing")
+AT_SIGNALS = (27, 28)
+"""Typologies whose name has signals."""
 STRAIGHT = ("quiet_crossing", "school_crossing", "town_crossing", "town_crossing")
 """Crossings of straight streets."""
 
@@ -40,8 +41,17 @@ class PreCrashTypology:
 
 def draft_pre_crash(rng: random.Random) -> Draft:
     """Return the fields of a pre-crash proposal of a random typology."""
-    number = rng.choice(sorted(TYPOLOGIES))
-    return draft_typology(number, rng)
+    return draft_typology(rng.choice(sorted(TYPOLOGIES)), rng)
+
+
+def draft_pre_crash_at_signals(rng: random.Random) -> Draft:
+    """Return the fields of a pre-crash proposal of a typology at signals."""
+    return draft_typology(rng.choice(AT_SIGNALS), rng)
+
+
+def draft_pre_crash_without_signals(rng: random.Random) -> Draft:
+    """Return the fields of a pre-crash proposal of a typology that needs no signals."""
+    return draft_typology(rng.choice(sorted(set(TYPOLOGIES) - set(AT_SIGNALS))), rng)
 
 
 def draft_typology(number: int, rng: random.Random) -> Draft:

@@ -1,9 +1,12 @@
-"""Proposal: what a proposer (template or language model) says about a scenario before there is any geometry.
+"""Proposal: what a proposer (template or language model) says about a scenario before there is any geometry,
+and what proposers write the fields of one with: CAVs, relations, queues behind the first CAVs.
 
 Fields and values follow the schema of MDrive's generator (protocol 14.1); `pre_crash` is ours.
 """
 
-from typing import Annotated, Literal
+import random
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainSerializer, PlainValidator, WithJsonSchema
 
@@ -79,3 +82,31 @@ class Proposal(ProposalPart):
     description: str = Field(default="", max_length=1000)
     pre_crash: int | None = Field(default=None, ge=1, le=37)
     """Number of the NHTSA pre-crash typology (Najm, Smith, Yanagisawa 2007); for the pre-crash category only."""
+
+
+Draft = dict[str, Any]
+"""Fields of a proposal or of a part of one."""
+
+
+def draft_ego(number: int, maneuver: Maneuver = "straight", **more: str) -> Draft:
+    """Return the fields of a CAV."""
+    return {"vehicle_id": f"Vehicle {number}", "maneuver": maneuver, **more}
+
+
+def draft_relation(a: int, type_: str, b: int) -> Draft:
+    """Return the relation in which vehicle `a` stands to vehicle `b`."""
+    return {"type": type_, "a": f"Vehicle {a}", "b": f"Vehicle {b}"}
+
+
+def relate_followers(first: int, count: int, behind: Sequence[int], rng: random.Random) -> list[Draft]:
+    """Return relations that put further CAVs behind the first ones."""
+    return [draft_relation(n, "follow_route_of", rng.choice(list(behind))) for n in range(first, count + 1)]
+
+
+def add_followers(egos: Sequence[Draft], relations: Sequence[Draft], count: int) -> list[Draft]:
+    """Add CAVs that do what the CAV ahead of them does."""
+    found = list(egos)
+    for relation in relations:
+        leader = next(ego for ego in found if ego["vehicle_id"] == relation["b"])
+        found.append(leader | {"vehicle_id": relation["a"]})
+    return found[:count]

@@ -9,13 +9,15 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.scenario.scenario import describe_first_error
+from mdrive_sumo.scenario.scenario import SignalRule, describe_first_error
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.weather import WeatherName
 from mdrive_sumo.worlds.places.place_files import PlaceFile
 
 GENERATOR = 1
 """Version of the generator, incremented whenever the same recipe would make another scenario."""
+SEASON_GENERATOR = 2
+"""The same for recipes with a place. 2: routes of InterDrive are shorter, and lights may run."""
 
 
 class Recipe(BaseModel):
@@ -32,6 +34,7 @@ class Recipe(BaseModel):
     """`template`, or `llm:MODEL`."""
     weather: WeatherName = "default"
     proposal: Proposal
+    signals: SignalRule = Field(default="frozen-green", exclude_if=lambda signals: signals == "frozen-green")
     place: PlaceFile | None = Field(default=None, exclude_if=lambda place: place is None)
     """The place of a season's scenario, from which its network is drawn again; None: a packaged network."""
 
@@ -44,8 +47,9 @@ def load_recipe(path: Path) -> Recipe:
         raise InputError(f"{path}: expected a recipe to read, found none: {error.strerror}") from None
     except ValidationError as error:
         raise InputError(f"{path}: {describe_first_error(error)}") from None
-    if recipe.generator != GENERATOR:
-        raise InputError(f"{path}: expected version {GENERATOR} of the generator, found {recipe.generator}")
+    version = SEASON_GENERATOR if recipe.place else GENERATOR
+    if recipe.generator != version:
+        raise InputError(f"{path}: expected version {version} of the generator, found {recipe.generator}")
     return recipe
 
 

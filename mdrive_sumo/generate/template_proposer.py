@@ -5,16 +5,28 @@ from collections.abc import Callable, Mapping
 
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.pre_crash_typologies import draft_pre_crash
-from mdrive_sumo.generate.proposal import Maneuver, Proposal
-from mdrive_sumo.generate.proposal_drafts import Draft, add_followers, draft_ego, draft_relation, relate_followers
+from mdrive_sumo.generate.proposal import (
+    Draft,
+    Maneuver,
+    Proposal,
+    add_followers,
+    draft_ego,
+    draft_relation,
+    relate_followers,
+)
 
 TURN_SHARE = 0.4
 """Share of scenarios on otherwise straight routes in which one CAV turns."""
 SIDE_RELATIONS = ("perpendicular_right_of", "perpendicular_left_of", "opposite_approach_of")
 
 
-def propose(category: Category, rng: random.Random) -> Proposal:
-    """Return a proposal of the category, drawn by `rng`."""
+def propose(
+    category: Category, rng: random.Random, draft_category: Callable[[random.Random], Draft] | None = None
+) -> Proposal:
+    """Return a proposal of the category, drawn by `rng`.
+
+    draft_category: used instead of the category's template.
+    """
     needs = CATEGORIES[category].road
     draft: Draft = {
         "category": category,
@@ -24,7 +36,7 @@ def propose(category: Category, rng: random.Random) -> Proposal:
         "needs_on_ramp": needs.on_ramp,
         "needs_merge": needs.merge,
     }
-    return Proposal.model_validate(draft | TEMPLATES[category](rng))
+    return Proposal.model_validate(draft | (draft_category or TEMPLATES[category])(rng))
 
 
 def _draw_count(rng: random.Random, mean: float) -> int:

@@ -27,6 +27,8 @@ FORMAT = "mdrive-sumo/scenario/1"
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
 SpeedRule = Literal["protocol", "road"]
+SignalRule = Literal["frozen-green", "program"]
+"""`program`: traffic lights run; `frozen-green`: all of them are green, as in the paper's suites."""
 TimeLimit = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
 
 
@@ -112,7 +114,7 @@ class Scenario(ScenarioPart):
     network: str = Field(min_length=1)
     """Name of a network: a folder of the suite's own `networks/`, else of the packaged ones."""
     description: str = ""
-    signals: Literal["frozen-green", "program"] = "frozen-green"
+    signals: SignalRule = "frozen-green"
     speeds: SpeedRule = Field(default="protocol", exclude_if=_is_protocol)
     """Desired speed of CAVs: `protocol`: 8 m/s as in the original; `road`: the speed limits of their lanes."""
     egos: tuple[Ego, ...] = Field(min_length=1, max_length=32)

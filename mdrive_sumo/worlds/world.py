@@ -4,14 +4,13 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from typing import Literal
 
 from mdrive_sumo.core.atomic_folder import check_new_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
 from mdrive_sumo.roads.network_file import NETWORK_FILE
-from mdrive_sumo.scenario.scenario import Scenario, SpeedRule
+from mdrive_sumo.scenario.scenario import Scenario, SignalRule, SpeedRule
 from mdrive_sumo.scenario.weather import WeatherName
 from mdrive_sumo.worlds.authoring.drawn_scenario import draw_scenario
 from mdrive_sumo.worlds.authoring.scenario_builder import ScenarioBuilder
@@ -48,7 +47,7 @@ class World:
         *,
         category: str = "own",
         description: str = "",
-        signals: Literal["frozen-green", "program"] = "program",
+        signals: SignalRule = "program",
         speeds: SpeedRule = "road",
         weather: WeatherName = "default",
     ) -> ScenarioBuilder:

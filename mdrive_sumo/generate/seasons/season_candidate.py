@@ -14,15 +14,20 @@ from mdrive_sumo.generate.drawn_places import draw_fitting_network, list_choices
 from mdrive_sumo.generate.interdrive_proposer import propose_interdrive
 from mdrive_sumo.generate.network_choice import is_suitable
 from mdrive_sumo.generate.pipeline import build_scenario, screen_candidate
+from mdrive_sumo.generate.pre_crash_typologies import (
+    draft_pre_crash_at_signals,
+    draft_pre_crash_without_signals,
+)
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.generate.recipe import Recipe, save_recipe
+from mdrive_sumo.generate.recipe import SEASON_GENERATOR, Recipe, save_recipe
 from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.seasons.season_plan import SeasonGroup
 from mdrive_sumo.generate.seasons.season_seed import SeasonSeed
 from mdrive_sumo.generate.selection import SelectionItem, build_item
 from mdrive_sumo.generate.template_proposer import propose
+from mdrive_sumo.generate.validation.rule_coverage import find_exercised_rules
 from mdrive_sumo.roads import list_packaged_networks
-from mdrive_sumo.scenario.categories import InterDriveCategory
+from mdrive_sumo.scenario.categories import Category, InterDriveCategory
 from mdrive_sumo.scenario.packaged_suites import list_exact_suites
 from mdrive_sumo.scenario.scenario import Scenario, save_scenario
 from mdrive_sumo.scenario.suite import NETWORKS_FOLDER, load_suite
@@ -88,20 +93,27 @@ def _propose(group: SeasonGroup, seed: str) -> Proposal:
     if isinstance(group.category, InterDriveCategory):
         topology = rng.choice(find_requirements(group.category).road.topologies)
         return propose_interdrive(group.category, group.cavs, topology, rng)
+    if group.category is Category.PRE_CRASH:
+        draft = draft_pre_crash_at_signals if group.at_signals else draft_pre_crash_without_signals
+        return propose(group.category, rng, draft)
     return propose(group.category, rng)
 
 
 def _evaluate_on_place(task: SeasonTask, seed: str, proposal: Proposal, scratch: Path) -> SelectionItem:
-    choices = list_choices(proposal)
+    choices = list_choices(proposal, at_signals=task.group.at_signals)
     about, roads = draw_fitting_network(choices, lambda features: is_suitable(features, proposal), seed, scratch)
     recipe = Recipe(
+        generator=SEASON_GENERATOR,
         id=f"{task.group.category}_{seed[:8]}",
         seed=seed,
         proposer="interdrive" if task.group.cavs else "template",
         proposal=proposal,
+        signals="program" if task.group.at_signals else "frozen-green",
         place=about,
     )
     scenario = build_scenario(recipe, roads=roads)
+    if task.group.at_signals and "red-light" not in find_exercised_rules(scenario, roads):
+        raise ProposalRejected(PipelineStage.WAYS, "expected a route past signals, found none")
     known = _list_known(scenario.network) if scenario.network in list_packaged_networks() else ()
     found = screen_candidate(scenario, known, roads)
     if task.group.must_be_occluded and not found.is_occluded:

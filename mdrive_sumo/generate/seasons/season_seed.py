@@ -9,8 +9,8 @@ from mdrive_sumo.generate.recipe import GENERATOR
 from mdrive_sumo.scenario.season import SEASON_WORD
 from mdrive_sumo.worlds.places import PLACES_VERSION
 
-SEASON_VERSION = 1
-"""Raised whenever the same season would become another one."""
+SEASON_VERSION = 2
+"""Raised whenever the same season would become another one. 2: running signals, larger pools, shorter routes."""
 SECRET_PREFIX = "secret-"
 """Before the number of a season with a secret, which is none of the public ones."""
 

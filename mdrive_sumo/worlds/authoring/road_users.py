@@ -1,8 +1,12 @@
-"""Road users of a scenario that is written by hand: SUMO's vehicles, scripted ones, parked rows, props."""
+"""Road users of a scenario that is written by hand: SUMO's vehicles, scripted ones, parked rows, props,
+and triggers: when one that waits sets off, or one that drives brakes or changes its lane.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Literal
+
+from pydantic import ValidationError
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
@@ -10,13 +14,17 @@ from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.roads import Lane, RoadMap, Route
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.props import PROPS
+from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scenario.scripted_actor import (
     Action,
     Actor,
+    DistanceTrigger,
     HardBrake,
     LaneChange,
     LaneMotion,
+    PositionTrigger,
     StartMotion,
+    TimeTrigger,
     Trigger,
 )
 from mdrive_sumo.worlds.authoring.point_matching import match_point
@@ -141,3 +149,29 @@ def build_prop(name: str, roads: RoadMap, model: str, at: Point, yaw: float | No
         spot = match_point(roads, at)
         yaw = roads.lanes[spot.lane].centre.yaw_at(spot.s)
     return build_actor(name, BODIES[model], build_pose(*at, yaw))
+
+
+def near(cav: str, distance_m: float = 20.0) -> DistanceTrigger:
+    """Fire when a CAV is within a distance [m], from centre to centre; 1 to 50 m. Raises InputError."""
+    try:
+        return DistanceTrigger(vehicle=cav, distance_m=distance_m)
+    except ValidationError as error:
+        raise InputError(f"near({cav!r}, {distance_m!r}): {describe_first_error(error)}") from None
+
+
+def after(seconds: float) -> TimeTrigger:
+    """Fire that many seconds after the start. Raises InputError."""
+    try:
+        return TimeTrigger(at_s=seconds)
+    except ValidationError as error:
+        raise InputError(f"after({seconds!r}): {describe_first_error(error)}") from None
+
+
+def when_at(cav: str, point: tuple[float, float], radius_m: float = 3.0) -> PositionTrigger:
+    """Fire when the centre of a CAV is within a circle around a point (x, y) [m]. Raises InputError."""
+    try:
+        return PositionTrigger(vehicle=cav, x=point[0], y=point[1], radius_m=radius_m)
+    except (ValidationError, IndexError, TypeError) as error:
+        is_value = isinstance(error, ValidationError)
+        reason = describe_first_error(error) if is_value else "expected a point (x, y) in metres"
+        raise InputError(f"when_at({cav!r}, {point!r}): {reason}") from None

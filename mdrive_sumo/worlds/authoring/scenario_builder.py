@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Literal, cast
+from typing import cast
 
 from pydantic import ValidationError
 
@@ -12,7 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, Route
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.checks import check_scenario
-from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario, SpeedRule, describe_first_error
+from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario, SignalRule, SpeedRule, describe_first_error
 from mdrive_sumo.scenario.scripted_actor import Actor, Trigger
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.weather import WeatherName
@@ -51,8 +51,7 @@ class ScenarioBuilder:
     roads: RoadMap
     category: str = "own"
     description: str = ""
-    signals: Literal["frozen-green", "program"] = "program"
-    """`program`: traffic lights run; `frozen-green`: all of them are green, as in the paper's suites."""
+    signals: SignalRule = "program"
     speeds: SpeedRule = "road"
     """Desired speed of CAVs: the limits of the road, or the protocol's 8 m/s."""
     weather: WeatherName = "default"

@@ -11,9 +11,8 @@ from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import copy_file, make_folder, write_text
 from mdrive_sumo.roads import find_network_folder
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE
-from mdrive_sumo.worlds.places.draw_place import draw_place
+from mdrive_sumo.worlds.places.draw_place import PLACE_KINDS, draw_place
 from mdrive_sumo.worlds.places.place import PLACE_FILE, Place
-from mdrive_sumo.worlds.places.place_kinds import PLACE_KINDS
 from mdrive_sumo.worlds.places.place_parameters import PLACES_VERSION, Value
 from mdrive_sumo.worlds.places.recipe import build_draft
 

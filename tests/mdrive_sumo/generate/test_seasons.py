@@ -13,8 +13,11 @@ from click.testing import CliRunner, Result
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.category_requirements import INTERDRIVE
+from mdrive_sumo.generate.drawn_places import CHOICES, CHOICES_AT_SIGNALS, draw_fitting_network, list_choices
 from mdrive_sumo.generate.interdrive_proposer import propose_interdrive
-from mdrive_sumo.generate.recipe import load_recipe
+from mdrive_sumo.generate.network_choice import is_suitable
+from mdrive_sumo.generate.pipeline import build_scenario
+from mdrive_sumo.generate.recipe import GENERATOR, SEASON_GENERATOR, Recipe, load_recipe, save_recipe
 from mdrive_sumo.generate.rules import find_rule_violations
 from mdrive_sumo.generate.seasons import draw_season as draw_season_module
 from mdrive_sumo.generate.seasons import season_plan
@@ -23,11 +26,14 @@ from mdrive_sumo.generate.seasons.season_plan import INTERDRIVE_COUNTS, SeasonGr
 from mdrive_sumo.generate.seasons.season_seed import SeasonSeed, parse_season
 from mdrive_sumo.generate.selection import SelectionItem, compute_means, find_deviations, select_items
 from mdrive_sumo.generate.start_shift import FURTHEST_M, find_start_shift
+from mdrive_sumo.generate.validation.rule_coverage import find_exercised_rules
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.categories import FIGURES, InterDriveCategory
 from mdrive_sumo.scenario.start_variation import shift_start
 from mdrive_sumo.scenario.statistics import PAPER
 from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.worlds.network_features import Topology
+from mdrive_sumo.worlds.places import draw_place
 
 SECRET = "battery horse staple correct"
 GROUP = SeasonGroup("interdrive", InterDriveCategory.STRAIGHT, 1, 2)
@@ -234,3 +240,32 @@ def test_without_netconvert_a_season_ends_with_a_sentence(tmp_path: Path, monkey
 
 def test_figures_of_all_categories_are_searched() -> None:
     assert [selection.name for selection in list_selections("interaction")] == list(map(str, FIGURES))
+
+
+def test_a_stated_share_of_each_bucket_is_at_running_signals() -> None:
+    for bucket, share in (("interdrive", 4), ("interaction", 10)):
+        groups = [group for selection in list_selections(bucket) for group in selection.groups]
+        assert sum(group.count for group in groups if group.at_signals) == share
+        assert len({group.name for group in groups}) == len(groups)
+
+
+def test_places_have_signals_exactly_where_they_run() -> None:
+    for choices, has_signals in ((CHOICES, False), (CHOICES_AT_SIGNALS, True)):
+        for choice in {str(one): one for options in choices.values() for one in options}.values():
+            draft = draw_place(choice.kind, 5, **choice.parameters).draft
+            assert draft is not None
+            assert any(node.type == "traffic_light" for node in draft.nodes) == has_signals, choice
+
+
+def test_a_candidate_at_signals_meets_them(tmp_path: Path) -> None:
+    proposal = propose_interdrive(InterDriveCategory.ONCOMING_LEFT, 3, Topology.INTERSECTION, Random(2))
+    choices = list_choices(proposal, at_signals=True)
+    place, roads = draw_fitting_network(choices, lambda features: is_suitable(features, proposal), "a", tmp_path)
+    recipe = Recipe(generator=SEASON_GENERATOR, id="left", seed="a", proposal=proposal, signals="program", place=place)
+    scenario = build_scenario(recipe, roads=roads)
+    assert scenario.signals == "program" and "red-light" in find_exercised_rules(scenario, roads)
+    save_recipe(recipe, tmp_path / "recipe.json")
+    assert load_recipe(tmp_path / "recipe.json") == recipe
+    save_recipe(recipe.model_copy(update={"generator": GENERATOR}), tmp_path / "old.json")
+    with pytest.raises(InputError, match=f"expected version {SEASON_GENERATOR} of the generator, found {GENERATOR}"):
+        load_recipe(tmp_path / "old.json")

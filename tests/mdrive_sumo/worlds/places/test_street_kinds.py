@@ -13,7 +13,7 @@ from mdrive_sumo.core.geometry import build_polyline, wrap_angle
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.worlds.network_features import extract_features
 from mdrive_sumo.worlds.places import Place, check_place, draw_place, write_place
-from mdrive_sumo.worlds.places.place_kinds import STREET_KINDS
+from mdrive_sumo.worlds.places.draw_place import STREET_KINDS
 
 GOLDEN: dict[str, str] = {
     "arterial": "086d4af1a8ee75fb",
