@@ -72,6 +72,9 @@ def read_scenarios_once() -> Generator[None]:
 def intervals_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let any number of scenarios give an interval: for tests of its arithmetic on values made by hand."""
     monkeypatch.setattr("mdrive_sumo.core.statistics.MIN_UNITS", 1)
+    monkeypatch.setattr("mdrive_sumo.core.statistics.MIN_EFFECTIVE", 1.0)
+    monkeypatch.setattr("mdrive_sumo.core.statistics.compute_expanded_tail", lambda clusters: 0.025)
+    monkeypatch.setattr("mdrive_sumo.core.statistics.compute_expanded_p_value", lambda tail, clusters: 2 * tail)
 
 
 def accepted_reasons() -> tuple[str, ...]:

@@ -17,16 +17,15 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, read_manifest
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
-from mdrive_sumo.core.statistics import bootstrap_stratified_clustered_mean
+from mdrive_sumo.core.statistics import bootstrap_nested
 from mdrive_sumo.core.tables import TOO_FEW
-from mdrive_sumo.scoring import Results, ScenarioResult, compute_overall, load_results
+from mdrive_sumo.scoring import Results, compute_overall, load_results
 from tools.seed_runs import check_seed_runs
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
@@ -51,7 +50,9 @@ def summarise_runs(runs: Sequence[Results]) -> dict[str, Any]:
         raise InputError(f"agent {runs[0].run.agent}: expected a score of every scenario, found {void} without")
     scenarios = [scenario for results in runs for scenario in results.scenarios]
     means = compute_overall(scenarios).bucket_mean
-    interval = bootstrap_stratified_clustered_mean(_group_scores(scenarios))
+    interval = bootstrap_nested(
+        [one.ds for one in scenarios], [one.label for one in scenarios], [one.bucket for one in scenarios]
+    )
     kinds = Counter(event.kind for scenario in scenarios for ego in scenario.egos for event in ego.infractions)
     return {
         "suite": runs[0].run.suite,
@@ -64,14 +65,6 @@ def summarise_runs(runs: Sequence[Results]) -> dict[str, Any]:
         "infractions": dict(kinds.most_common(FAILURES)),
         "worst": [one.id for one in sorted(scenarios, key=lambda one: one.ds)[:FAILURES]],
     }
-
-
-def _group_scores(scenarios: Iterable[ScenarioResult]) -> list[np.ndarray[Any, np.dtype[np.float64]]]:
-    """Return DS (scenarios, seeds) for each bucket."""
-    scores: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for one in scenarios:
-        scores[one.bucket][one.id].append(one.ds)
-    return [np.array(list(bucket.values())) for _, bucket in sorted(scores.items())]
 
 
 def format_card(system: str, measured: Mapping[str, Any], manifest: WeightsManifest) -> str:

@@ -17,11 +17,11 @@ from mdrive_sumo.scoring import load_results
 def command(run_a: Path, run_b: Path, mix_seasons: bool) -> None:
     """Compare two runs scenario by scenario: B minus A.
 
-    Mean paired differences of DS, SR, efficient SR and time ratio come with 95 % bootstrap confidence intervals over
-    the scenarios that both runs have; those of the time ratio over the scenarios in which every CAV arrives in both
-    runs. RUN_A and RUN_B are folders written by `eval`, or results files. Settings that differ are listed. Of a run
-    that is going on or was interrupted the finished episodes are compared. Runs of two seasons are refused unless
-    --mix-seasons is given; `study seasons` has their means.
+    Mean paired differences of DS, SR, efficient SR and time ratio come with 95 % bootstrap confidence intervals: places
+    are drawn anew, then the scenarios of each; seeds count as their mean. Those of the time ratio are over the
+    scenarios in which every CAV arrives in both runs. RUN_A and RUN_B are folders written by `eval`, or results files.
+    Settings that differ are listed. Of a run that is going on or was interrupted the finished episodes are compared.
+    Runs of two seasons are refused unless --mix-seasons is given; `study seasons` has their means.
     """
     a, b = (load_results(run) if run.is_file() else load_run_results(run) for run in (run_a, run_b))
     echo(comparison_table(compare(a, b, (run_a, run_b), mix_seasons=mix_seasons)))

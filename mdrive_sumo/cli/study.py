@@ -162,7 +162,7 @@ def _draw(
     first = lines[0].row.results
     title = (
         f"{first[0].run.suite_label}: mean of {len(first[0].scenarios)} scenarios"
-        f"{f' with {len(first)} seeds' if len(first) > 1 else ''}, shaded: 95 % bootstrap intervals"
+        f"{f' with {len(first)} seeds' if len(first) > 1 else ''}, shaded: 95 % intervals"
     )
     pictures: list[Path] = []
     for name in varied:

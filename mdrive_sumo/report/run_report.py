@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mdrive_sumo.core.clean_text import clean_for_markdown, format_markdown_code, truncate
 from mdrive_sumo.core.output_files import write_text
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE
 from mdrive_sumo.core.tables import Cell, Column, Table, format_markdown, make_row, make_text_columns
 from mdrive_sumo.core.tree_difference import ABSENT
 from mdrive_sumo.report.result_tables import (
@@ -57,7 +57,7 @@ No score depends on these: means over the scenarios in which each is defined. Mi
 or another road user leaves a place until the other takes it, at most 5 s. Comfort: share of the CAVs' time in which
 accelerations, jerks and yaw rate are within nuPlan's bounds. Messages: payload that all stations send in a second."""
 INTERVALS = f"""\
-Means over seeds with 95 % bootstrap intervals: scenarios are drawn anew, then seeds within each.
+Means over seeds. {METHOD_NOTE}
 {TOO_FEW_NOTE}"""
 ROLES = """\
 Scores by agent: means over scenarios of means over the CAVs that the agent drives, whatever the score mode."""

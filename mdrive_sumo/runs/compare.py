@@ -5,11 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean, describe_too_few, format_interval_cells
+from mdrive_sumo.core.statistics import (
+    ConfidenceInterval,
+    Label,
+    bootstrap_nested,
+    describe_comparisons,
+    describe_too_few,
+    format_interval_cells,
+)
 from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.runs.setting_differences import SettingDifference, find_setting_differences
 from mdrive_sumo.scenario.season import SEASON_REMEDY, check_one_season
@@ -120,15 +125,19 @@ def compare(
     if not common:
         raise InputError("compare: expected runs with scenarios in common that are not void, found none")
     pairs = [_make_pair(first[name], second[name]) for name in common]
-    efficient, ratios = (_list_differences(getattr(pair, name) for pair in pairs) for name in OPTIONAL_SCORES)
+    labels = [(first[name].place or second[name].label[0], name) for name in common]
+    ds, sr, efficient, ratio = (
+        _compute_interval([getattr(pair, score) for pair in pairs], labels) for score in ("ds", "sr", *OPTIONAL_SCORES)
+    )
+    assert ds and sr, "defined in every scenario"
     return RunComparison(
         names=(str(places[0] or a.run.agent), str(places[1] or b.run.agent)),
         pairs=tuple(sorted(pairs, key=lambda pair: (pair.ds_difference, pair.scenario))),
-        ds=bootstrap_mean(np.array([pair.ds_difference for pair in pairs])),
-        sr=bootstrap_mean(np.array([pair.sr[1] - pair.sr[0] for pair in pairs])),
-        efficient_sr=_compute_interval(efficient),
-        time_ratio=_compute_interval(ratios),
-        timed=len(ratios),
+        ds=ds,
+        sr=sr,
+        efficient_sr=efficient,
+        time_ratio=ratio,
+        timed=sum(None not in pair.time_ratio for pair in pairs),
         left_out=(
             *(f"{name}: only in A" for name in first if name not in second),
             *(f"{name}: only in B" for name in second if name not in first),
@@ -146,13 +155,12 @@ def _make_pair(a: ScenarioResult, b: ScenarioResult) -> ScenarioPair:
     return ScenarioPair(a.id, a.category, (a.ds, b.ds), (a.sr, b.sr), efficient, ratios)
 
 
-def _list_differences(values: Iterable[tuple[float | None, float | None]]) -> list[float]:
-    """Return B - A of the pairs in which both are defined."""
-    return [b - a for a, b in values if a is not None and b is not None]
-
-
-def _compute_interval(differences: Sequence[float]) -> ConfidenceInterval | None:
-    return bootstrap_mean(np.array(differences)) if differences else None
+def _compute_interval(
+    values: Sequence[tuple[float | None, float | None]], labels: Sequence[Label]
+) -> ConfidenceInterval | None:
+    """Return B - A over the pairs in which both are defined; None without one."""
+    defined = [(b - a, label) for (a, b), label in zip(values, labels, strict=True) if a is not None and b is not None]
+    return bootstrap_nested(*zip(*defined, strict=True)) if defined else None
 
 
 def _find_warnings(a: Results, b: Results) -> list[str]:
@@ -228,13 +236,18 @@ def comparison_table(comparison: RunComparison) -> str:
             *_format_settings(comparison),
             "",
             means,
-            *filter(None, (describe_too_few(comparison.ds.units),)),
+            *filter(None, (describe_too_few(comparison.ds), describe_comparisons(list_differences(comparison)))),
             f"B is better in {wins}, as good in {ties}, worse in {losses}",
             "",
             format_text(make_text_table(header, rows)),
             *(("", "left out:", *(f"  {line}" for line in comparison.left_out)) if comparison.left_out else ()),
         )
     )
+
+
+def list_differences(comparison: RunComparison) -> tuple[ConfidenceInterval | None, ...]:
+    """Return all differences of a comparison."""
+    return comparison.ds, comparison.sr, comparison.efficient_sr, comparison.time_ratio
 
 
 def _format_names(comparison: RunComparison) -> tuple[str, ...]:

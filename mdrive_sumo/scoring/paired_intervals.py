@@ -1,17 +1,14 @@
-"""Bootstrap intervals of scores and of paired differences, over scenarios and the seeds of each."""
+"""Intervals of scores and of paired differences, over places, the scenarios of each and their seeds."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from collections.abc import Iterable, Mapping, Sequence
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import (
     ConfidenceInterval,
-    bootstrap_clustered_mean,
-    make_interval,
-    resample_clustered_mean,
-    resample_stratified_clustered_mean,
+    Label,
+    ResampledMean,
+    bootstrap_nested,
+    resample_nested,
 )
 from mdrive_sumo.scoring.results import ScenarioResult
 
@@ -38,10 +35,20 @@ def select_defined(table: ResultTable, name: str) -> ResultTable:
     }
 
 
+def list_results(table: ResultTable, names: Iterable[str] | None = None) -> list[ScenarioResult]:
+    """Return the results of a table by scenario, in the order of `names` or of the table, each by seed."""
+    return [result for name in (table if names is None else names) for _, result in sorted(table[name].items())]
+
+
+def bootstrap_results(values: Float, results: Sequence[ScenarioResult]) -> ConfidenceInterval:
+    """Return the mean of one value for each result, in any shape, with its interval."""
+    return bootstrap_nested(values.ravel(), [result.label for result in results])
+
+
 def compute_score_interval(table: ResultTable, name: str) -> ConfidenceInterval | None:
     """Return mean and interval of a score by its field's name; None if the table is empty."""
-    values = [[getattr(one, name) for _, one in sorted(by_seed.items())] for by_seed in table.values()]
-    return bootstrap_clustered_mean(np.array(values)) if values else None
+    resampled = resample_score(table, name)
+    return resampled.make_interval() if resampled else None
 
 
 def compute_difference_interval(table: ResultTable, base: ResultTable, name: str) -> ConfidenceInterval | None:
@@ -49,46 +56,20 @@ def compute_difference_interval(table: ResultTable, base: ResultTable, name: str
 
     base: has every seed of the table in each scenario that both have.
     """
-    values = [_list_differences(table[scenario], base[scenario], name) for scenario in table if scenario in base]
-    return bootstrap_clustered_mean(np.array(values)) if values else None
+    common = [(scenario, seed) for scenario in table if scenario in base for seed in sorted(table[scenario])]
+    pairs = [(table[scenario][seed], base[scenario][seed]) for scenario, seed in common]
+    values = [getattr(ours, name) - getattr(theirs, name) for ours, theirs in pairs]
+    return bootstrap_nested(values, [ours.label for ours, _ in pairs]) if pairs else None
 
 
-@dataclass(frozen=True, slots=True)
-class ResampledScore:
-    """The mean of a score and its resampled means. Those over the same scenarios and seeds are drawn alike."""
-
-    mean: float
-    resampled: Float
-    units: int
-    """Number of scenarios; of buckets that are drawn apart the number in the smallest."""
-
-    def subtract(self, other: "ResampledScore") -> ConfidenceInterval:
-        """Return mean and interval of the differences self - other, paired by scenario and seed.
-
-        other: over the same scenarios and seeds. The result is that of `compute_difference_interval`, whose draws
-        this saves where each of many agents is compared with each.
-        """
-        return make_interval(self.mean - other.mean, self.resampled - other.resampled, self.units)
-
-
-def resample_score(table: ResultTable, name: str, *, by_bucket: bool = False) -> ResampledScore | None:
-    """Return a score by its field's name, resampled over scenarios and seeds; None if the table is empty.
+def resample_score(table: ResultTable, name: str, *, by_bucket: bool = False) -> ResampledMean | None:
+    """Return a score by its field's name, resampled; None if the table is empty.
 
     by_bucket: of the mean of the bucket means; each bucket is resampled on its own.
     """
-    buckets: dict[str, list[list[float]]] = {}
-    for _, by_seed in sorted(table.items()):
-        values = [getattr(one, name) for _, one in sorted(by_seed.items())]
-        buckets.setdefault(next(iter(by_seed.values())).bucket if by_bucket else "", []).append(values)
-    groups = [np.array(rows) for _, rows in sorted(buckets.items())]
-    if not groups:
+    results = list_results(table)
+    if not results:
         return None
-    resampled = resample_stratified_clustered_mean(groups) if by_bucket else resample_clustered_mean(groups[0])
-    mean = float(np.mean([values.mean() for values in groups]))
-    return ResampledScore(mean, resampled, min(len(values) for values in groups))
-
-
-def _list_differences(
-    results: Mapping[int, ScenarioResult], base: Mapping[int, ScenarioResult], name: str
-) -> list[float]:
-    return [getattr(results[seed], name) - getattr(base[seed], name) for seed in sorted(results)]
+    labels: list[Label] = [one.label for one in results]
+    strata = [one.bucket for one in results] if by_bucket else None
+    return resample_nested([getattr(one, name) for one in results], labels, strata)

@@ -8,6 +8,7 @@ from mdrive_sumo.contract import TrackName
 from mdrive_sumo.core.checksum import SHORT_CHECKSUM
 from mdrive_sumo.core.setting import Scalar
 from mdrive_sumo.core.state import End
+from mdrive_sumo.core.statistics import Label
 from mdrive_sumo.episode.episode_options import CONDITIONS
 from mdrive_sumo.scenario.season import find_stored_season, read_stored_name
 
@@ -104,6 +105,8 @@ class ScenarioResult(Means):
     id: str
     bucket: str
     category: str
+    place: str = Field(default="", exclude_if=lambda place: not place)
+    """Name of its network: scenarios of one place resemble each other. Absent in results from before it was kept."""
     seed: int
     status: Literal["ok", "void"]
     """void: the benchmark or SUMO failed, not the agent. Counts as DS 0."""
@@ -134,6 +137,11 @@ class ScenarioResult(Means):
     def key(self) -> EpisodeKey:
         """The scenario and the seed."""
         return self.id, self.seed
+
+    @property
+    def label(self) -> Label:
+        """Place, scenario and seed, by which means are resampled; without a known place the scenario is one."""
+        return self.place or self.id, self.id, self.seed
 
     def find_scalar(self, name: str) -> float | None:
         """Return the value of a scalar metric; None where it is undefined or was not computed."""

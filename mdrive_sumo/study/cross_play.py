@@ -7,16 +7,18 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_clustered_mean
+from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.scoring import Results
+from mdrive_sumo.scoring.paired_intervals import bootstrap_results
 from mdrive_sumo.study.study_runs import RUNS_FOLDER, StudyProgress, name_agent_folder
 from mdrive_sumo.study.two_agents import (
     METRICS,
     TESTED,
     TwoAgentRow,
     list_common_scenarios,
+    list_role_results,
     make_two_agent_run,
     tabulate_role,
 )
@@ -82,11 +84,12 @@ def summarise_cross_play(rows: Sequence[TwoAgentRow]) -> CrossPlaySummary:
         metric: {a: np.mean([table[a, b] for b in agents if b != a], axis=0) for a in agents}
         for metric, table in tables.items()
     }
+    order = list_role_results(rows[0], names)
     return CrossPlaySummary(
         agents,
-        {pair: {m: bootstrap_clustered_mean(tables[m][pair]) for m in METRICS} for pair in tables[METRICS[0]]},
-        {a: {m: bootstrap_clustered_mean(strangers[m][a]) for m in METRICS} for a in agents},
-        {a: {m: bootstrap_clustered_mean(strangers[m][a] - tables[m][a, a]) for m in METRICS} for a in agents},
+        {pair: {m: bootstrap_results(tables[m][pair], order) for m in METRICS} for pair in tables[METRICS[0]]},
+        {a: {m: bootstrap_results(strangers[m][a], order) for m in METRICS} for a in agents},
+        {a: {m: bootstrap_results(strangers[m][a] - tables[m][a, a], order) for m in METRICS} for a in agents},
         len(names),
         len({scenario.id for row in rows for scenario in row.scenarios}) - len(names),
     )

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_clustered_mean
+from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.scoring import Results, ScenarioResult
-from mdrive_sumo.scoring.paired_intervals import ResultTable, group_by_scenario
+from mdrive_sumo.scoring.paired_intervals import ResultTable, bootstrap_results, group_by_scenario, list_results
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.study.study_runs import RUNS_FOLDER, StudyProgress, make_variant, name_agent_folder
 
@@ -168,13 +168,11 @@ def _bootstrap(
     terms: Mapping[Cell, int], tables: Mapping[Cell, ResultTable], names: Sequence[str]
 ) -> dict[str, ConfidenceInterval]:
     """Return the interval of a signed sum of scores, paired by scenario and seed, by metric."""
-    interval_by_metric: dict[str, ConfidenceInterval] = {}
-    for metric in METRICS:
-        scores = [sign * _tabulate(tables[cell], names, metric) for cell, sign in terms.items()]
-        interval_by_metric[metric] = bootstrap_clustered_mean(np.sum(scores, axis=0))
-    return interval_by_metric
-
-
-def _tabulate(table: ResultTable, names: Sequence[str], metric: str) -> np.ndarray:
-    """Return a metric (scenarios, seeds)."""
-    return np.array([[getattr(result, metric) for _, result in sorted(table[name].items())] for name in names])
+    results = {cell: list_results(tables[cell], names) for cell in terms}
+    return {
+        metric: bootstrap_results(
+            np.sum([[sign * getattr(one, metric) for one in results[cell]] for cell, sign in terms.items()], axis=0),
+            results[next(iter(terms))],
+        )
+        for metric in METRICS
+    }

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE, judge_interval
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, Verdict, describe_comparisons, judge_intervals
 from mdrive_sumo.core.tables import Table, format_csv, format_markdown, make_row, make_text_columns, make_text_table
 from mdrive_sumo.scenario.season import read_stored_name
 from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary
@@ -20,13 +20,14 @@ from mdrive_sumo.study.study_files import (
 
 FORMAT = "mdrive-sumo/gain/1"
 HOW_TO_READ = f"""\
-Numbers are points of DS and SR (percent), means over scenarios and seeds. In brackets are 95 % bootstrap
-confidence intervals of paired differences: scenarios are drawn anew, with more than one seed also the seeds within
-each. An interval that contains 0 shows no difference, neither a gain nor that there is none. {TOO_FEW_NOTE}"""
+Numbers are points of DS and SR (percent), means over scenarios and seeds of paired differences. {METHOD_NOTE}
+An interval that contains 0 shows no difference, neither a gain nor that there is none. What is shown is corrected for
+the number of rows of the table (Holm 1979), for DS and SR apart. {TOO_FEW_NOTE}"""
 
 
 def gain_json(about: StudyDescription, rows: Sequence[GainRow], summary: GainSummary) -> str:
     """Return all numbers as JSON."""
+    shown = judge_gains(summary)
     page = describe_study(FORMAT, about, rows[0].results[0].run) | {
         "void": summary.void,
         "scores": [
@@ -36,8 +37,8 @@ def gain_json(about: StudyDescription, rows: Sequence[GainRow], summary: GainSum
         ],
         "gains": [
             {"group": line.group, "scenarios": line.scenarios, "part": line.part.name}
-            | {metric: asdict(line.gain[metric]) | {"shown": judge_interval(line.gain[metric])} for metric in METRICS}
-            for line in summary.gains
+            | {metric: asdict(line.gain[metric]) | {"shown": shown[metric][i]} for metric in METRICS}
+            for i, line in enumerate(summary.gains)
         ],
         "rows": [
             {"sensing": row.sensing, "agent": row.agent, "runs": [run_to_dict(line) for line in row.results]}
@@ -49,9 +50,10 @@ def gain_json(about: StudyDescription, rows: Sequence[GainRow], summary: GainSum
 
 def gain_csv(summary: GainSummary) -> str:
     """Return one line for each group, part and metric."""
+    shown = judge_gains(summary)
     rows = (
-        (line.group, str(line.scenarios), line.part.name, metric, *format_csv_interval(gain), judge_interval(gain))
-        for line in summary.gains
+        (line.group, str(line.scenarios), line.part.name, metric, *format_csv_interval(gain), shown[metric][i])
+        for i, line in enumerate(summary.gains)
         for metric, gain in ((name, line.gain[name]) for name in METRICS)
     )
     return format_csv(make_text_table(("group", "scenarios", "part", "metric", "mean", "low", "high", "shown"), rows))
@@ -65,14 +67,21 @@ def gain_markdown(about: StudyDescription, rows: Sequence[GainRow], summary: Gai
         HOW_TO_READ,
         "\n".join(f"- **{part.name}**: {part.meaning}" for part in PARTS),
         format_markdown(build_gain_table(summary)),
+        describe_comparisons([line.gain[metric] for line in summary.gains for metric in METRICS]),
         "The scores behind it:",
         format_markdown(_build_score_table(summary)),
     )
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def judge_gains(summary: GainSummary) -> dict[str, tuple[Verdict, ...]]:
+    """Return what the gains show by metric, in the order of the lines, corrected for their number."""
+    return {metric: judge_intervals([line.gain[metric] for line in summary.gains]) for metric in METRICS}
 
 
 def build_gain_table(summary: GainSummary) -> Table:
     """Return a row for each group and part."""
+    shown = judge_gains(summary)
     columns = (
         *make_text_columns({"scenarios": "scenarios", "part": "part"}),
         *(make_interval_column(metric, metric.upper(), has_sign=True) for metric in METRICS),
@@ -84,10 +93,10 @@ def build_gain_table(summary: GainSummary) -> Table:
                 f"{line.group} ({line.scenarios})",
                 line.part.name,
                 *(make_interval_cell(line.gain[metric]) for metric in METRICS),
-                *(judge_interval(line.gain[metric]) for metric in METRICS),
+                *(shown[metric][i] for metric in METRICS),
             )
         )
-        for line in summary.gains
+        for i, line in enumerate(summary.gains)
     ]
     return Table("gain", "What sharing gains", columns, tuple(rows))
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_clustered_mean
+from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.scoring import Results
+from mdrive_sumo.scoring.paired_intervals import bootstrap_results
 from mdrive_sumo.scoring.roles import mark_tested
 from mdrive_sumo.study.study_runs import RUNS_FOLDER, StudyProgress, make_variant, name_agent_folder
 from mdrive_sumo.study.two_agents import (
@@ -17,6 +18,7 @@ from mdrive_sumo.study.two_agents import (
     ROLES,
     TwoAgentRow,
     list_common_scenarios,
+    list_role_results,
     make_two_agent_run,
     tabulate_role,
 )
@@ -114,13 +116,17 @@ def _summarise(row: TwoAgentRow, base: TwoAgentRow, names: Sequence[str]) -> Pen
     assert row.penetration is not None, "a row of this study"
     by_role = {role: [name for name in list_common_scenarios([row], role) if name in names] for role in ROLES}
     score = {
-        role: {metric: bootstrap_clustered_mean(tabulate_role(row, members, role, metric)) for metric in METRICS}
+        role: {
+            metric: bootstrap_results(tabulate_role(row, members, role, metric), list_role_results(row, members))
+            for metric in METRICS
+        }
         for role, members in by_role.items()
         if members
     }
     difference = {
-        metric: bootstrap_clustered_mean(
-            tabulate_role(row, names, ALL, metric) - tabulate_role(base, names, ALL, metric)
+        metric: bootstrap_results(
+            tabulate_role(row, names, ALL, metric) - tabulate_role(base, names, ALL, metric),
+            list_role_results(row, names),
         )
         for metric in METRICS
     }

@@ -2,19 +2,18 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
-
-import numpy as np
+from statistics import fmean
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.statistics import ConfidenceInterval, compute_nested_mean
+from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_nested
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.run_folder import load_run_results
 from mdrive_sumo.scenario.season import FIRST_SEASON
 from mdrive_sumo.scoring import Results, ScenarioResult, load_results
-from mdrive_sumo.scoring.paired_intervals import group_by_scenario
+from mdrive_sumo.scoring.paired_intervals import group_by_scenario, list_results
 from mdrive_sumo.study.study_runs import RUNS_FOLDER, StudyProgress, name_agent_folder
 
 METRICS = ("ds", "sr")
@@ -119,7 +118,7 @@ class SeasonLine:
     by_season: Mapping[str, float]
     """Mean over scenarios and seeds of each season."""
     mean: ConfidenceInterval
-    """Mean over the seasons, with an interval that counts seasons; without bounds over one."""
+    """Mean over the seasons; the places of each season are resampled apart."""
     fresh_loss: ConfidenceInterval | None
     """Mean over the fresh seasons minus season 0; None unless there are both."""
 
@@ -143,7 +142,7 @@ def summarise_seasons(rows: Sequence[SeasonRow]) -> SeasonSummary:
     agents = tuple(dict.fromkeys(row.agent for row in rows))
     lines = {
         metric: tuple(
-            _summarise_agent(agent, {season: _tabulate(by_key[agent, season], metric) for season in seasons})
+            _summarise_agent(agent, {season: _select_results(by_key[agent, season]) for season in seasons}, metric)
             for agent in agents
         )
         for metric in METRICS
@@ -151,18 +150,25 @@ def summarise_seasons(rows: Sequence[SeasonRow]) -> SeasonSummary:
     return SeasonSummary(seasons, lines, sum(one.status == "void" for row in rows for one in row.scenarios))
 
 
-def _summarise_agent(agent: str, values: Mapping[str, Float]) -> SeasonLine:
-    fresh = [table for season, table in values.items() if season != OLD]
-    loss = None
-    if fresh and OLD in values:
-        loss = compute_nested_mean(fresh).make_interval(compute_nested_mean([values[OLD]]))
-    by_season = {season: float(table.mean()) for season, table in values.items()}
-    return SeasonLine(agent, by_season, compute_nested_mean(list(values.values())).make_interval(), loss)
+def _summarise_agent(agent: str, results: Mapping[str, Sequence[ScenarioResult]], metric: str) -> SeasonLine:
+    """Return the line of an agent. Seasons are strata: a few of them cannot be drawn anew, and their places can."""
+    values = {season: [getattr(one, metric) for one in members] for season, members in results.items()}
+    by_season = {season: fmean(scores) for season, scores in values.items()}
+    labels = {season: [one.label for one in members] for season, members in results.items()}
+    strata = [season for season, members in results.items() for _ in members]
+
+    def bootstrap(weights: Mapping[str, float]) -> ConfidenceInterval:
+        return bootstrap_nested([*chain(*values.values())], [*chain(*labels.values())], strata, weights)
+
+    fresh = [season for season in results if season != OLD]
+    gain = {season: 1 / len(fresh) for season in fresh} | {OLD: -1.0}
+    loss = bootstrap(gain) if fresh and OLD in results else None
+    return SeasonLine(agent, by_season, bootstrap(dict.fromkeys(results, 1 / len(results))), loss)
 
 
-def _tabulate(row: SeasonRow, metric: str) -> Float:
-    """Return the values (scenarios, seeds) of a row. Raises InputError if all scenarios are void."""
+def _select_results(row: SeasonRow) -> list[ScenarioResult]:
+    """Return the results of a row. Raises InputError if all scenarios are void."""
     table = group_by_scenario(row.scenarios)
     if not table:
         raise InputError(f"study seasons: expected scenarios that are not void, found none ({row.agent}, {row.season})")
-    return np.array([[getattr(one, metric) for _, one in sorted(by_seed.items())] for by_seed in table.values()])
+    return list_results(table)

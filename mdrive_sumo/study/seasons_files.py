@@ -4,8 +4,8 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
-from mdrive_sumo.core.tables import Cell, Column, Table, format_csv, format_markdown, make_row, make_text_columns
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, describe_comparisons
+from mdrive_sumo.core.tables import Column, Table, format_csv, format_markdown, make_row, make_text_columns
 from mdrive_sumo.scenario.season import label_suite, split_suite_name
 from mdrive_sumo.study.seasons import OLD, SeasonRow, SeasonSummary
 from mdrive_sumo.study.study_files import (
@@ -20,9 +20,8 @@ from mdrive_sumo.study.study_files import (
 FORMAT = "mdrive-sumo/seasons/1"
 HOW_TO_READ = f"""\
 Means over scenarios and seeds of each season, in percent. "All" is the mean over the seasons, "fresh - {OLD}" what is
-left of it in the seasons after season {OLD}: less than 0 is lost. In brackets are 95 % intervals that count seasons:
-seasons are drawn anew, then the scenarios of each, then the seeds of each scenario; the ends are the standard deviation
-of these means times the quantile of Student's t for so few seasons. One season gives no interval."""
+left of it in the seasons after season {OLD}: less than 0 is lost. {METHOD_NOTE} Seasons are not drawn anew: the
+intervals are about other places of these seasons. {TOO_FEW_NOTE}"""
 
 
 def seasons_json(about: StudyDescription, rows: Sequence[SeasonRow], summary: SeasonSummary) -> str:
@@ -68,7 +67,12 @@ def seasons_markdown(about: StudyDescription, rows: Sequence[SeasonRow], summary
     tables = (
         part
         for metric in summary.lines
-        for part in (f"## {metric.upper()}", format_markdown(build_seasons_table(summary, metric)))
+        for part in (
+            f"## {metric.upper()}",
+            format_markdown(build_seasons_table(summary, metric)),
+            describe_comparisons([line.fresh_loss for line in summary.lines[metric]]),
+        )
+        if part
     )
     return "\n\n".join((f"# {suite} over seasons", format_facts(facts), HOW_TO_READ, *tables)) + "\n"
 
@@ -86,17 +90,10 @@ def build_seasons_table(summary: SeasonSummary, metric: str) -> Table:
             (
                 line.agent,
                 *(line.by_season[season] for season in summary.seasons),
-                _make_cell(line.mean),
-                _make_cell(line.fresh_loss),
+                make_interval_cell(line.mean),
+                make_interval_cell(line.fresh_loss),
             )
         )
         for line in summary.lines[metric]
     ]
     return Table(f"seasons_{metric}", f"{metric.upper()} over seasons", columns, tuple(rows))
-
-
-def _make_cell(interval: ConfidenceInterval | None) -> Cell:
-    """Return the cell of a mean; without an interval where one season gives none."""
-    if interval is None or interval.ends is None:
-        return Cell(interval.mean if interval else None)
-    return make_interval_cell(interval)

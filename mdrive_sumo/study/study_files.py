@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, ConfidenceInterval, describe_comparisons
 from mdrive_sumo.core.tables import (
     Cell,
     CellValue,
@@ -31,8 +31,7 @@ GRID_TEXT = {
     "full": "all combinations of the factors' values",
 }
 HOW_TO_READ = f"""\
-DS and SR are means over scenarios and seeds in percent. In brackets are 95 % bootstrap confidence intervals:
-scenarios are drawn anew, with more than one seed also the seeds within each. `DS - base` and `SR - base` are
+DS and SR are means over scenarios and seeds in percent. {METHOD_NOTE} `DS - base` and `SR - base` are
 the differences to the same agent over the base channel, paired by scenario and seed: an interval without 0
 tells an effect. `off` is the agent with the channel switched off. Scenarios that are void with any seed are
 left out. Efficient SR counts the successes within 2 x `omniscient`'s time; the time ratio is the time needed
@@ -146,6 +145,7 @@ def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures
         HOW_TO_READ,
         CAPTURED if _has_captured(lines) else "",
         format_markdown(build_study_table(lines)),
+        describe_comparisons([one for line in lines for one in (line.ds_difference, line.sr_difference)]),
         *(f"![{picture.stem}]({picture.name})" for picture in pictures),
     )
     return "\n\n".join(part for part in parts if part) + "\n"

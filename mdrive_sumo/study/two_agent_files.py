@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, ConfidenceInterval, describe_comparisons
 from mdrive_sumo.core.tables import (
     Column,
     Table,
@@ -31,8 +31,7 @@ from mdrive_sumo.study.two_agents import DS, METRICS, ROLES, TwoAgentRow
 
 CROSS_PLAY_FORMAT, PENETRATION_FORMAT = "mdrive-sumo/cross-play/1", "mdrive-sumo/penetration/1"
 BRACKETS = f"""\
-In brackets are 95 % bootstrap confidence intervals: scenarios are drawn anew, with more than one seed also the seeds
-within each. Differences are paired by scenario and seed; an interval that contains 0 shows no difference.
+{METHOD_NOTE} Differences are paired by scenario and seed; an interval that contains 0 shows no difference.
 {TOO_FEW_NOTE}"""
 CROSS_PLAY = f"""\
 Each agent drives one CAV of every scenario, drawn by the seed, among CAVs of another agent. Numbers are DS and SR of
@@ -99,6 +98,7 @@ def cross_play_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], su
     tables = (
         "## With strangers",
         format_markdown(build_strangers_table(summary)),
+        describe_comparisons([loss[metric] for loss in summary.loss.values() for metric in METRICS]),
         "## All pairs, DS",
         format_markdown(build_matrix(summary)),
     )
@@ -109,7 +109,10 @@ def penetration_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], s
     """Return the study as a page."""
     title = f"# {read_stored_name(about.suite)}: a share of the CAVs connected"
     table = format_markdown(build_penetration_table(summary))
-    return _join((title, list_study_facts(about, rows[0].results[0].run, summary.void), PENETRATION, table))
+    counted = describe_comparisons(
+        [line.difference[metric] for line in summary.lines if line.penetration for metric in METRICS]
+    )
+    return _join((title, list_study_facts(about, rows[0].results[0].run, summary.void), PENETRATION, table, counted))
 
 
 def build_strangers_table(summary: CrossPlaySummary) -> Table:
@@ -187,4 +190,4 @@ def _to_dict(intervals: Mapping[str, ConfidenceInterval]) -> dict[str, Any]:
 
 
 def _join(parts: Sequence[str]) -> str:
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(part for part in parts if part) + "\n"

@@ -10,8 +10,8 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.scoring import EgoResult, Results, ScenarioResult
+from mdrive_sumo.scoring.paired_intervals import group_by_scenario, list_results
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS, compute_mean
-from mdrive_sumo.study.study_summary import group_by_scenario
 
 DS, SR = "ds", "sr"
 METRICS = (DS, SR)
@@ -66,6 +66,11 @@ def tabulate_role(row: TwoAgentRow, names: Sequence[str], role: str, metric: str
             for seeds in drives
         ]
     )
+
+
+def list_role_results(row: TwoAgentRow, names: Sequence[str]) -> list[ScenarioResult]:
+    """Return the results whose values `tabulate_role` gives, in its order."""
+    return list_results(group_by_scenario(row.scenarios), names)
 
 
 def _select(result: ScenarioResult, role: str) -> list[EgoResult]:

@@ -3,10 +3,8 @@
 from collections.abc import Sequence
 from statistics import fmean
 
-import numpy as np
-
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import bootstrap_mean
+from mdrive_sumo.core.statistics import bootstrap_nested
 from server.api import submission_views
 from server.api.dependencies import Services
 from server.api.routes import results
@@ -50,6 +48,7 @@ def _pair_scenarios(of_a: Sequence[ScenarioOut], of_b: Sequence[ScenarioOut]) ->
             seed=row.seed,
             bucket=row.bucket,
             category=row.category,
+            place=row.place or other.place,
             verdict_a=row.verdict,
             verdict_b=other.verdict,
             ds_a=row.ds,
@@ -66,9 +65,10 @@ def _compute_difference(pairs: Sequence[ScenarioPairOut]) -> PairedDifferenceOut
     by_scenario: dict[str, list[float]] = {}
     for pair in pairs:
         by_scenario.setdefault(pair.scenario, []).append(pair.ds_difference)
-    means = np.array([fmean(by_scenario[name]) for name in sorted(by_scenario)], np.float64)
-    interval = bootstrap_mean(means)
-    better, worse = int(np.sum(means >= TIE)), int(np.sum(means <= -TIE))
+    means = [fmean(differences) for differences in by_scenario.values()]
+    labels = [(pair.place or pair.scenario, pair.scenario, pair.seed) for pair in pairs]
+    interval = bootstrap_nested([pair.ds_difference for pair in pairs], labels)
+    better, worse = sum(mean >= TIE for mean in means), sum(mean <= -TIE for mean in means)
     return PairedDifferenceOut(
         scenarios=len(means),
         ds=interval.mean,

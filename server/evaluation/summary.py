@@ -2,14 +2,11 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from statistics import fmean
 
-import numpy as np
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import join_sensing_tracks
-from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.statistics import bootstrap_stratified_mean
+from mdrive_sumo.core.statistics import bootstrap_nested
 from mdrive_sumo.scoring import Means, ScenarioResult, compute_bucket_means, compute_category_means, compute_overall
 from mdrive_sumo.scoring.summary import compute_scalar_means
 from server.evaluation.thinking_times import record_thinking_flag
@@ -19,7 +16,7 @@ from server.store.standings import FiguresData, SummaryData
 from server.store.tables import JobRow
 
 INTERVAL_SCORES = ("ds", "sr")
-"""What has an interval; scenarios are drawn anew (those of each bucket apart), a scenario's seeds stay together."""
+"""What has an interval; the places of each bucket are drawn anew on their own."""
 
 
 def summarise(jobs: Sequence[JobRow]) -> SummaryData:
@@ -45,11 +42,12 @@ def summarise(jobs: Sequence[JobRow]) -> SummaryData:
 
 def _compute_figures(means: Means, groups: Sequence[Sequence[ScenarioResult]]) -> FiguresData:
     figures: FiguresData = {name: getattr(means, name) for name in ("ds", "sr", "rc", "ip", "time_ratio")}
+    results = [result for group in groups for result in group]
+    labels, strata = [result.label for result in results], [str(i) for i, group in enumerate(groups) for _ in group]
     for name in INTERVAL_SCORES:
-        interval = bootstrap_stratified_mean([_mean_by_scenario(group, name) for group in groups])
+        interval = bootstrap_nested([getattr(result, name) for result in results], labels, strata)
         low, high = (round(end, 6) for end in interval.ends) if interval.ends else (None, None)
         figures[f"{name}_low"], figures[f"{name}_high"] = low, high
-    results = [result for group in groups for result in group]
     is_referenced = all(result.efficient_sr is not None for result in results)
     figures["efficient_sr"] = means.efficient_sr if is_referenced else None  # else over other scenarios than SR
     figures["timed"] = len({result.id for result in results if result.time_ratio is not None})
@@ -57,14 +55,6 @@ def _compute_figures(means: Means, groups: Sequence[Sequence[ScenarioResult]]) -
     figures["scalars"] = {"min_ttc": min(encounters, default=None), **compute_scalar_means(results)}
     kinds = Counter(interval.kind for result in results for ego in result.egos for interval in ego.infractions)
     return figures | {"scenarios": len({result.id for result in results}), "infractions": dict(sorted(kinds.items()))}
-
-
-def _mean_by_scenario(results: Sequence[ScenarioResult], name: str) -> Float:
-    """One number for every scenario: the mean over its seeds."""
-    seeds: dict[str, list[float]] = {}
-    for result in results:
-        seeds.setdefault(result.id, []).append(getattr(result, name))
-    return np.array([fmean(values) for values in seeds.values()])
 
 
 OnDone = Callable[[Session, str], None]

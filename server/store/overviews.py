@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-SCORES = ("bucket", "category", "ds", "sr", "efficient_sr", "time_ratio", "rc", "ip")
+SCORES = ("bucket", "category", "place", "ds", "sr", "efficient_sr", "time_ratio", "rc", "ip")
 """Fields of a result that a list shows as they are."""
 EGO_FIELDS = ("id", "outcome", "ds", "rc", "ip", "ticks", "time_ratio")
 FOR_ORGANISERS = ("thinking",)

@@ -1,10 +1,16 @@
-"""Differences of every agent to every other, or to a baseline: paired bootstrap over scenarios and seeds."""
+"""Differences of every agent to every other, or to a baseline: paired by scenario and seed."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
+from mdrive_sumo.core.statistics import (
+    METHOD_NOTE,
+    TOO_FEW_NOTE,
+    ConfidenceInterval,
+    ResampledMean,
+    describe_comparisons,
+)
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.core.tables import (
     Cell,
@@ -20,17 +26,16 @@ from mdrive_sumo.report.published_results import order_buckets
 from mdrive_sumo.runs.compare import TIE, average_seeds
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.paired_intervals import (
-    ResampledScore,
     ResultTable,
     compute_difference_interval,
     group_by_scenario,
+    list_results,
     resample_score,
 )
 
 DIFFERENCE_NOTE = (
-    "Differences agent minus other, paired by scenario and, where both have it, by seed; 95 % bootstrap intervals:"
-    " scenarios are drawn anew, then the seeds of each. Void scenarios are left out. An interval without 0 is a"
-    f" difference beyond chance; intervals are not widened for the number of comparisons. {TOO_FEW_NOTE}"
+    "Differences agent minus other, paired by scenario and, where both have it, by seed. Void scenarios are left out."
+    f" {METHOD_NOTE} {TOO_FEW_NOTE}"
 )
 _LABELS = {"ds": "DS", "sr": "SR", "efficient_sr": "efficient SR", "time_ratio": "time ratio"}
 
@@ -89,7 +94,7 @@ def _compute_difference(agent: ComparedAgent, other: ComparedAgent, resamples: "
     seeds = tuple(seed for seed in agent.seeds if seed in other.seeds)
     ours, theirs = (_build_result_table(side, seeds) for side in (agent, other))
     common = [scenario for scenario in ours if scenario in theirs]
-    ours, theirs = ({scenario: table[scenario] for scenario in common} for table in (ours, theirs))
+    ours, theirs = (_select_common(table, other, common) for table, other in ((ours, theirs), (theirs, ours)))
     pair = _TablePair((agent.name, ours), (other.name, theirs), resamples)
     buckets = order_buckets({scenario.bucket for scenario in agent.results.scenarios})
     parts = {name: pair.select(lambda result, name=name: result.bucket == name) for name in buckets}
@@ -115,10 +120,10 @@ class _Resamples:
     """Resampled scores of tables that were asked for: most pairs of agents share all scenarios and seeds."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[object, ...], ResampledScore | None] = {}
+        self._known: dict[tuple[object, ...], ResampledMean | None] = {}
 
-    def find(self, agent: str, table: ResultTable, score: str, *, by_bucket: bool) -> ResampledScore | None:
-        key = (agent, score, by_bucket, tuple((name, *by_seed) for name, by_seed in table.items()))
+    def find(self, agent: str, table: ResultTable, score: str, *, by_bucket: bool) -> ResampledMean | None:
+        key = (agent, score, by_bucket, *(result.label for result in list_results(table)))
         if key not in self._known:
             self._known[key] = resample_score(table, score, by_bucket=by_bucket)
         return self._known[key]
@@ -157,6 +162,19 @@ def _build_result_table(agent: ComparedAgent, seeds: Sequence[int]) -> ResultTab
     return {name: by_seed for name, by_seed in table.items() if len(by_seed) == len(seeds)}
 
 
+def _select_common(table: ResultTable, other: ResultTable, names: Sequence[str]) -> ResultTable:
+    """Return the results of some scenarios; those from before places were kept get the place that the other has."""
+    return {
+        name: {
+            seed: result
+            if result.place
+            else result.model_copy(update={"place": next(iter(other[name].values())).place})
+            for seed, result in table[name].items()
+        }
+        for name in names
+    }
+
+
 def _mean_ds(table: ResultTable, scenario: str) -> float:
     return sum(result.ds for result in table[scenario].values()) / len(table[scenario])
 
@@ -190,7 +208,16 @@ def build_difference_table(differences: Sequence[AgentDifference], name: str = "
             Column("losses", "worse in", decimals=0),
         ),
         tuple(rows),
-        f"{DIFFERENCE_NOTE} Means over scenarios, as mdrive-sumo compare has them.",
+        " ".join(
+            filter(
+                None,
+                (
+                    DIFFERENCE_NOTE,
+                    "Means over scenarios, as mdrive-sumo compare has them.",
+                    describe_comparisons([one for entry in differences for one in (entry.ds, entry.sr)]),
+                ),
+            )
+        ),
     )
 
 
@@ -205,14 +232,18 @@ def build_bucket_difference_table(
         key = bucket.lower()
         columns += [_make_column(f"{key}_ds", "DS", bucket), _make_column(f"{key}_sr", "SR", bucket)]
     rows = tuple(_make_bucket_row(difference) for difference in differences)
-    note = f"{DIFFERENCE_NOTE} Overall: mean of the buckets, each drawn anew on its own."
+    counted = describe_comparisons([one for entry in differences for one in _list_bucket_intervals(entry)])
+    note = f"{DIFFERENCE_NOTE} Overall: mean of the buckets, each drawn anew on its own. {counted}".rstrip()
     return Table(name, "Paired differences by bucket", tuple(columns), rows, note)
 
 
 def _make_bucket_row(difference: AgentDifference) -> Row:
-    intervals = [interval for pair in (*difference.buckets.values(), difference.bucket_mean) for interval in pair]
-    cells: list[CellValue | Cell] = [difference.agent, difference.other, *map(_make_cell, intervals)]
-    return make_row(cells)
+    cells: list[CellValue | Cell] = [difference.agent, difference.other]
+    return make_row([*cells, *map(_make_cell, _list_bucket_intervals(difference))])
+
+
+def _list_bucket_intervals(difference: AgentDifference) -> list[ConfidenceInterval | None]:
+    return [interval for pair in (*difference.buckets.values(), difference.bucket_mean) for interval in pair]
 
 
 def _make_column(key: str, label: str, group: str = "") -> Column:

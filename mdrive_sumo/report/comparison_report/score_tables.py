@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE
 from mdrive_sumo.core.tables import (
     BestValue,
     Cell,
@@ -29,10 +29,10 @@ OVERALL_NOTE = (
     "Overall: mean of the buckets, as the numbers of the paper's table are (its caption says mean over scenarios)."
 )
 SEEDS_NOTE = (
-    "±: half of the 95 % bootstrap interval of a mean over several seeds; scenarios are drawn anew, then seeds."
-    f" {TOO_FEW_NOTE}"
+    "±: half of the 95 % interval of a nested bootstrap: places (networks) are drawn anew, then the scenarios of each,"
+    f" then their seeds. {TOO_FEW_NOTE}"
 )
-INTERVAL_NOTE = f"95 % bootstrap intervals: scenarios are drawn anew, then the seeds of each. {TOO_FEW_NOTE}"
+INTERVAL_NOTE = f"{METHOD_NOTE} {TOO_FEW_NOTE}"
 TRACK_NOTE = (
     "Agents of the sensor track have no lists of objects, only what a car carries; they are ranked apart from the"
     " object track, to which all other agents belong."

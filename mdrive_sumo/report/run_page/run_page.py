@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, describe_comparisons
 from mdrive_sumo.core.tables import CellValue, Column, Table, make_row, make_text_columns
 from mdrive_sumo.report.html_page import read_static, render_html_page
 from mdrive_sumo.report.palette import format_custom_properties
@@ -24,7 +24,7 @@ from mdrive_sumo.report.result_tables import (
 )
 from mdrive_sumo.report.run_page.comparison_data import ComparisonData
 from mdrive_sumo.report.run_page.run_page_data import RunPageData
-from mdrive_sumo.runs.compare import RunComparison
+from mdrive_sumo.runs.compare import RunComparison, list_differences
 from mdrive_sumo.scoring import compute_category_means
 
 SCORE_TERMS: Mapping[str, str] = MappingProxyType(
@@ -106,7 +106,15 @@ def render_comparison_page(data: ComparisonData, *, replays_note: str = "") -> s
         seeds=[describe_seeds(run.stored.results.run) for run in data.runs],
         score_table=_build_score_table(data),
         difference_table=_build_difference_table(data),
-        too_few_note=TOO_FEW_NOTE if any(comparison.ds.ends is None for comparison in data.comparisons) else "",
+        too_few_note=" ".join(
+            filter(
+                None,
+                (
+                    describe_comparisons([one for entry in data.comparisons for one in list_differences(entry)]),
+                    TOO_FEW_NOTE if any(comparison.ds.ends is None for comparison in data.comparisons) else "",
+                ),
+            )
+        ),
         outcomes=("worse", "better", "equal", "not compared"),
         replays_note=" ".join(filter(None, (replays_note, _describe_missing_recordings(data)))),
     )

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE, judge_interval
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, judge_intervals
 from mdrive_sumo.core.tables import Cell, Column, IntervalStyle, Row, Table, make_row, make_text_columns
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
 from mdrive_sumo.report.comparison_report.report_figures import HATCHES, ReportFigure
@@ -44,8 +44,8 @@ WIDTH_IN, HEIGHT_IN = 9.0, 4.2
 NOTE = (
     "Scores of the CAV that a participant drives, and of the same CAV in the runs of agents, where the agent drives all"
     " CAVs. SR: share of the drives with a DS above the threshold of success. Time: until the goal, over the drives"
-    " that reach it; time ratio: to `omniscient`'s. ±: half of the 95 % bootstrap interval over scenarios, and the"
-    f" drives within each; it says nothing about other participants. {TOO_FEW_NOTE}"
+    " that reach it; time ratio: to `omniscient`'s. ±: half of the 95 % interval of a nested bootstrap over"
+    f" places, scenarios and the drives of each; it says nothing about other participants. {TOO_FEW_NOTE}"
 )
 
 
@@ -144,17 +144,27 @@ def build_gap_to_humans(results: HumanStudyResults) -> Table | None:
         Column("time_ratio", "time ratio", "difference", decimals=3, has_sign=True, intervals=ends),
         *make_text_columns({"shown_ds": "shown by DS", "shown_sr": "shown by SR"}),
     )
-    rows: list[Row] = []
-    for base in bases:
-        for agent, scores in results.agents.items():
-            ds, sr, ratio = (compute_gap(scores, base.scores, name) for name in ("ds", "sr", "time_ratio"))
-            verdicts = [judge_interval(gap) if gap else "-" for gap in (ds, sr)]
-            section = PERSONS_SECTION if base.section == PERSONS_SECTION else SCRIPTED_SECTION
-            cells = map(make_interval_cell, (ds, sr, ratio))
-            rows.append(make_row((agent, base.name, *cells, *map(str, verdicts)), section))
+    pairs = [(base, agent) for base in bases for agent in results.agents]
+    gaps = {
+        name: [compute_gap(results.agents[agent], base.scores, name) for base, agent in pairs]
+        for name in ("ds", "sr", "time_ratio")
+    }
+    verdicts = {name: iter(judge_intervals([gap for gap in gaps[name] if gap])) for name in ("ds", "sr")}
+    rows = [
+        make_row(
+            (
+                agent,
+                base.name,
+                *(make_interval_cell(gaps[name][i]) for name in gaps),
+                *(str(next(shown)) if gaps[name][i] else "-" for name, shown in verdicts.items()),
+            ),
+            PERSONS_SECTION if base.section == PERSONS_SECTION else SCRIPTED_SECTION,
+        )
+        for i, (base, agent) in enumerate(pairs)
+    ]
     note = (
         "Differences paired by scenario; a participant's drives of a scenario count as their mean. A time ratio counts"
-        f" where both reach the goal. Brackets: 95 % bootstrap intervals over scenarios. {TOO_FEW_NOTE}"
+        f" where both reach the goal. {METHOD_NOTE} {TOO_FEW_NOTE}"
     )
     return Table("rq4_gap", "Agents minus drivers (RQ4)", columns, tuple(rows), note, left=2)
 

@@ -3,13 +3,12 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Any
-
-import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_clustered_mean, bootstrap_mean
+from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_nested
 from mdrive_sumo.core.tables import format_csv_lines
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
@@ -43,6 +42,8 @@ class CavScore:
     """Of `omniscient`'s time; None unless both arrived."""
     outcome: str
     collisions: int
+    place: str = ""
+    """The network, if it is known."""
 
     @classmethod
     def of(cls, result: ScenarioResult, cav: int) -> "CavScore":
@@ -61,6 +62,7 @@ class CavScore:
             ego.time_ratio,
             str(ego.outcome),
             _count_collisions(ego),
+            result.place,
         )
 
 
@@ -161,28 +163,20 @@ def load_agent_scores(plan: HumanStudyPlan, results: Results) -> tuple[CavScore,
 
 
 def compute_mean_interval(scores: Sequence[CavScore], name: str) -> ConfidenceInterval | None:
-    """Return mean and interval of a score; None where it is defined nowhere.
-
-    Scenarios are drawn anew, and the drives within each, as everywhere in the library. Where scenarios have different
-    numbers of drives, their means are drawn anew.
-    """
-    groups = [*group_values(scores, name).values()]
-    if not groups:
-        return None
-    if len({len(group) for group in groups}) == 1:
-        return bootstrap_clustered_mean(np.array(groups))
-    return bootstrap_mean(np.array([sum(group) / len(group) for group in groups]))
+    """Return mean and interval of a score; None where it is defined nowhere. Drives of a scenario are its seeds."""
+    defined = [score for score in scores if getattr(score, name) is not None]
+    labels = [(score.place or score.scenario, score.scenario, i) for i, score in enumerate(defined)]
+    return bootstrap_nested([getattr(score, name) for score in defined], labels) if defined else None
 
 
 def compute_gap(scores: Sequence[CavScore], base: Sequence[CavScore], name: str) -> ConfidenceInterval | None:
     """Return scores - base, paired by scenario, each with the mean of its drives; None without a common scenario."""
     ours, theirs = group_values(scores, name), group_values(base, name)
-    differences = [
-        sum(ours[scenario]) / len(ours[scenario]) - sum(theirs[scenario]) / len(theirs[scenario])
-        for scenario in ours
-        if scenario in theirs
-    ]
-    return bootstrap_mean(np.array(differences)) if differences else None
+    place_by_scenario = {score.scenario: score.place or score.scenario for score in (*base, *scores)}
+    common = [scenario for scenario in ours if scenario in theirs]
+    differences = [fmean(ours[scenario]) - fmean(theirs[scenario]) for scenario in common]
+    labels = [(place_by_scenario[scenario], scenario) for scenario in common]
+    return bootstrap_nested(differences, labels) if common else None
 
 
 def group_values(scores: Iterable[CavScore], name: str) -> dict[str, list[float]]:

@@ -2,20 +2,26 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from statistics import fmean
 
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import (
     ConfidenceInterval,
-    draw_resample_counts,
+    Counts,
+    count_effective,
+    draw_nested_counts,
     make_interval,
     sum_resamples,
 )
 from mdrive_sumo.scenario.categories import LEVELS, Category
 from mdrive_sumo.scoring import Results, ScenarioResult
-from mdrive_sumo.scoring.paired_intervals import compute_difference_interval, group_by_scenario
+from mdrive_sumo.scoring.paired_intervals import (
+    ResultTable,
+    compute_difference_interval,
+    group_by_scenario,
+    list_results,
+)
 from mdrive_sumo.study.paper.paper_agents import AgentRole, select_by_role
 
 ALL = "all"
@@ -93,26 +99,25 @@ def compute_role_gaps(runs: Mapping[str, Results]) -> tuple[RoleGap, ...]:
         common = sorted(name for name in names if all(name in table for table in tables.values()))
         if not common:
             continue
-        counts = draw_resample_counts(len(common))
+        results = list_results(next(iter(tables.values())), common)
+        labels = [result.label for result in results]
+        counts = draw_nested_counts(labels)
         means = {
             role: np.mean([_compute_harmonic_means(tables[id(run)], common, counts) for run in members], axis=0)
             for role, members in roles.items()
         }
         multi, single = means[AgentRole.MULTI], means[AgentRole.SINGLE]
-        gap = make_interval(float(multi[0] - single[0]), (multi - single)[1:], len(common))
+        places = {label[0] for label in labels}
+        gap = make_interval(float(multi[0] - single[0]), (multi - single)[1:], len(places), count_effective(labels))
         gaps.append(RoleGap(group, len(common), float(multi[0]), float(single[0]), gap))
     return tuple(gaps)
 
 
-def _compute_harmonic_means(
-    table: Mapping[str, Mapping[int, ScenarioResult]], names: Sequence[str], counts: Float
-) -> Float:
-    """Return H (R,) of an agent where scenario j counts `counts[r, j]` times; 0 where DS and SR are 0."""
+def _compute_harmonic_means(table: ResultTable, names: Sequence[str], counts: Counts) -> Float:
+    """Return H (R,) of an agent where episode j counts `counts[r, j]` times; 0 where DS and SR are 0."""
+    results = list_results(table, names)
     ds, sr = (
-        sum_resamples(
-            counts, np.array([fmean(getattr(result, score) for result in table[name].values()) for name in names])
-        )
-        / len(names)
+        sum_resamples(counts, np.array([getattr(result, score) for result in results])) / counts.sum(axis=1)
         for score in ("ds", "sr")
     )
     return np.divide(2 * ds * sr, ds + sr, out=np.zeros_like(ds), where=ds + sr > 0)

@@ -9,9 +9,12 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import (
     RESAMPLES,
     ConfidenceInterval,
+    Counts,
+    Label,
     compute_kendall,
     compute_spearman,
-    draw_resample_counts,
+    count_effective,
+    draw_nested_counts,
     make_interval,
     sum_resamples,
 )
@@ -31,7 +34,7 @@ MIN_DEFINED_SHARE = 0.5
 """Least share of the resamples in which a correlation exists, i.e. not all agents are tied, for an interval."""
 
 
-def resample_metric(recordings: Sequence[OpenLoopScenario], metric: str, counts: Float) -> Float:
+def resample_metric(recordings: Sequence[OpenLoopScenario], metric: str, counts: Counts) -> Float:
     """Return an open-loop metric (R,) where recording j counts `counts[r, j]` times; NaN where it is undefined.
 
     As in `combine_metrics`, each frame has the same weight; for the collision rate `cr` each recording.
@@ -47,7 +50,7 @@ def resample_metric(recordings: Sequence[OpenLoopScenario], metric: str, counts:
     return _divide(sums[:, 0], sums[:, 1])
 
 
-def _compute_precision(recordings: Sequence[OpenLoopScenario], counts: Float) -> Float:
+def _compute_precision(recordings: Sequence[OpenLoopScenario], counts: Counts) -> Float:
     """Return average precision in [0, 1] (R,): area under the interpolated curve of precision over recall."""
     tables = [recording.count_detections() for recording in recordings]
     scores = sorted({score for table in tables for score in table.by_score}, reverse=True)
@@ -121,25 +124,11 @@ def compare_open_with_closed(
     if not keys:
         return OpenClosedComparison(0, (), ())
     lines = tuple(_make_line(name, keys, shown[name], driven[name]) for name in opened)
-    resamples = _ScenarioResamples.of(keys)
-    correlations = [result for metric in OPEN_METRICS for result in _correlate(metric, lines, shown, driven, resamples)]
+    labels = [next(iter(driven.values()))[key].label for key in keys]
+    correlations = [
+        result for metric in OPEN_METRICS for result in _correlate(metric, lines, shown, driven, keys, labels)
+    ]
     return OpenClosedComparison(len({name for name, _ in keys}), lines, tuple(correlations))
-
-
-@dataclass(frozen=True, slots=True)
-class _ScenarioResamples:
-    """Episodes, and how often each counts in each resample of the scenarios: all seeds of one count alike."""
-
-    keys: Sequence[EpisodeKey]
-    counts: Float
-    """(1 + RESAMPLES, episodes); the first row is the sample itself."""
-
-    @classmethod
-    def of(cls, keys: Sequence[EpisodeKey]) -> "_ScenarioResamples":
-        """Draw the resamples."""
-        names = [*dict.fromkeys(name for name, _ in keys)]
-        columns = [names.index(name) for name, _ in keys]
-        return cls(keys, draw_resample_counts(len(names))[:, columns])
 
 
 def _make_line(
@@ -157,7 +146,8 @@ def _correlate(
     lines: Sequence[OpenClosedLine],
     shown: Mapping[str, Mapping[EpisodeKey, OpenLoopScenario]],
     driven: Mapping[str, Mapping[EpisodeKey, ScenarioResult]],
-    resamples: _ScenarioResamples,
+    keys: Sequence[EpisodeKey],
+    labels: Sequence[Label],
 ) -> Iterator[RankCorrelation]:
     """Yield the correlation of an open-loop metric with each closed-loop score."""
     compared = [line for line in lines if not line.is_reference and getattr(line.open, metric) is not None]
@@ -165,7 +155,7 @@ def _correlate(
     if len(agents) < MIN_AGENTS:
         yield from (RankCorrelation(metric, score, agents, None, None) for score in CLOSED_METRICS)
         return
-    keys, counts = resamples.keys, resamples.counts
+    counts = draw_nested_counts(labels)
     opened = [resample_metric([shown[agent][key] for key in keys], metric, counts) for agent in agents]
     x = OPEN_METRICS[metric] * np.stack(opened, axis=-1)
     usable = ~np.isnan(x).any(axis=-1)  # a resample may lack all recordings in which an agent has a plan
@@ -173,12 +163,12 @@ def _correlate(
         closed = np.array([[getattr(driven[agent][key], score) for agent in agents] for key in keys])
         y = sum_resamples(counts, closed) / counts.sum(axis=1, keepdims=True)
         rho, tau = (correlate(x[usable], y[usable]) for correlate in (compute_spearman, compute_kendall))
-        yield RankCorrelation(metric, score, agents, _summarize(rho, len(keys)), _summarize(tau, len(keys)))
+        yield RankCorrelation(metric, score, agents, _summarize(rho, labels), _summarize(tau, labels))
 
 
-def _summarize(values: Float, units: int) -> ConfidenceInterval | None:
+def _summarize(values: Float, labels: Sequence[Label]) -> ConfidenceInterval | None:
     """Return the first value with the interval of the others; None if it or most of the others are undefined."""
     defined = values[1:][~np.isnan(values[1:])]
     if not len(values) or np.isnan(values[0]) or len(defined) < MIN_DEFINED_SHARE * RESAMPLES:
         return None
-    return make_interval(float(values[0]), defined, units)
+    return make_interval(float(values[0]), defined, len({label[0] for label in labels}), count_effective(labels))

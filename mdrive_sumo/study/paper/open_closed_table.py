@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE
 from mdrive_sumo.core.tables import (
     BestValue,
     Column,
@@ -80,7 +80,7 @@ def build_correlation_table(comparison: OpenClosedComparison) -> Table:
     ]
     note = (
         "+1: the agents have the same order in both loops, best first; 0: open loop does not tell; -1: the reverse."
-        f" Brackets: 95 % bootstrap intervals over scenarios; the agents stay the same. {TOO_FEW_NOTE}"
+        f" {METHOD_NOTE} The agents stay the same. {TOO_FEW_NOTE}"
         " -: too few agents, or all tied."
     )
     return Table("rank_correlation", "Rank correlation of open and closed loop", columns, tuple(rows), note)

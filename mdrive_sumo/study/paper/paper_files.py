@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.output_files import make_parents, write_bytes
-from mdrive_sumo.core.statistics import judge_interval
+from mdrive_sumo.core.statistics import judge_intervals
 from mdrive_sumo.report.comparison_report.write_comparison_report import render_report_files
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scoring import Means, Results, ScenarioResult
@@ -33,10 +33,18 @@ def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mappin
         "score_mode": run.score_mode,
         "closed": {name: _describe_run(results) for name, results in numbers.closed.items()},
         "open": {name: results.overall.model_dump() for name, results in numbers.open.items()},
-        "gaps": [asdict(entry) | {"shown": judge_interval(entry.gap)} for entry in numbers.gaps],
+        "gaps": [
+            asdict(entry) | {"shown": shown}
+            for entry, shown in zip(numbers.gaps, judge_intervals([one.gap for one in numbers.gaps]), strict=True)
+        ],
         "gains": [
-            asdict(entry) | {f"shown_{score}": judge_interval(getattr(entry, score)) for score in ("ds", "sr")}
-            for entry in numbers.gains
+            asdict(entry) | {"shown_ds": ds, "shown_sr": sr}
+            for entry, ds, sr in zip(
+                numbers.gains,
+                judge_intervals([one.ds for one in numbers.gains]),
+                judge_intervals([one.sr for one in numbers.gains]),
+                strict=True,
+            )
         ],
         "open_closed": asdict(numbers.comparison)
         | {"lines": [asdict(entry) | {"open": entry.open.model_dump()} for entry in numbers.comparison.lines]},

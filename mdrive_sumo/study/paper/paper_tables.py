@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE, judge_interval
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, describe_comparisons, judge_intervals
 from mdrive_sumo.core.tables import (
     Cell,
     CellValue,
@@ -35,8 +35,9 @@ COLUMNS = {
 }
 BUCKETS, CATEGORIES = "bucket", "category of Interaction"
 SHOWN_NOTE = (
-    "Brackets: 95 % bootstrap intervals over scenarios. The last column says what the interval carries: an interval"
-    f" that contains 0 shows no difference, neither a gain nor that there is none. {TOO_FEW_NOTE}"
+    f"{METHOD_NOTE} The last column says what the interval carries, corrected for the number of differences of each"
+    " score (Holm 1979): an interval that contains 0 shows no difference, neither a gain nor that there is none."
+    f" {TOO_FEW_NOTE}"
 )
 SCORES: Mapping[str, tuple[str, int]] = {"ds": ("DS", 2), "rc": ("RC", 2), "ip": ("IS", 3), "sr": ("SR", 2)}
 """Scores of the paper's tables with their decimals; its IS is the infraction penalty IP."""
@@ -102,14 +103,16 @@ def build_pair_table(gains: Sequence[PairGain]) -> Table:
                 float(gain.scenarios),
                 Cell(gain.ds.mean, gain.ds),
                 Cell(gain.sr.mean, gain.sr),
-                judge_interval(gain.ds),
-                judge_interval(gain.sr),
+                *verdicts,
             ),
             f"{PAIRS[gain.agent, gain.base]}: {gain.agent} - {gain.base}",
         )
-        for gain in gains
+        for gain, *verdicts in zip(
+            gains, judge_intervals([one.ds for one in gains]), judge_intervals([one.sr for one in gains]), strict=True
+        )
     ]
-    return Table("gains", "What sharing and negotiation gain", columns, tuple(rows), SHOWN_NOTE)
+    note = f"{SHOWN_NOTE} {describe_comparisons([one for gain in gains for one in (gain.ds, gain.sr)])}".rstrip()
+    return Table("gains", "What sharing and negotiation gain", columns, tuple(rows), note)
 
 
 def build_gap_table(gaps: Sequence[RoleGap]) -> Table:
@@ -131,11 +134,11 @@ def build_gap_table(gaps: Sequence[RoleGap]) -> Table:
                 gap.multi,
                 gap.single,
                 Cell(gap.gap.mean, gap.gap),
-                judge_interval(gap.gap),
+                shown,
                 PUBLISHED_GAPS.get(gap.group),
             )
         )
-        for gap in gaps
+        for gap, shown in zip(gaps, judge_intervals([one.gap for one in gaps]), strict=True)
     ]
     note = f"H: harmonic mean of DS and SR of an agent; the mean is over the agents of a kind. {SHOWN_NOTE}"
     return Table("gap", "Multi-agent minus single-agent systems", columns, tuple(rows), note)
@@ -201,7 +204,7 @@ def _describe(ours: Sequence[Row]) -> str:
     if not ours:
         return "No agent of this study exchanges messages."
     return (
-        "Brackets: 95 % bootstrap interval of the difference, paired by scenario and seed; one that contains 0 shows no"
+        f"{METHOD_NOTE} Differences are paired by scenario and seed; an interval that contains 0 shows no"
         f" effect. {TOO_FEW_NOTE} Published differences are those of the printed scores; the"
         " paper prints some that deviate by 0.01."
     )

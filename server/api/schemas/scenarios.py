@@ -35,6 +35,8 @@ class ScenarioOut(ResponseModel):
     reason: str | None
     bucket: str | None = None
     category: str | None = None
+    place: str | None = None
+    """The network; null in results from before it was kept."""
     ds: float | None = None
     sr: float | None = None
     efficient_sr: float | None = None
@@ -64,6 +66,8 @@ class ScenarioPairOut(ResponseModel):
     seed: int
     bucket: str | None
     category: str | None
+    place: str | None
+    """The network, if either submission knows it."""
     verdict_a: str | None
     verdict_b: str | None
     ds_a: float

@@ -68,7 +68,7 @@ def test_times_are_compared_where_every_cav_arrives_in_both_runs() -> None:
     assert (found.time_ratio.mean, found.timed, found.efficient_sr.mean) == (-1.25, 2, 50.0)
     lines = [line.split() for line in comparison_table(found).splitlines()]
     assert ["time", "ratio", "(of", "2)", "-1.25", "-", "-"] in lines
-    assert "4 scenarios: too few for an interval, which needs 10" in comparison_table(found)
+    assert "4 places: too few for an interval, which needs 10" in comparison_table(found)
     assert list(found.to_frame()["time_ratio_b"])[:3] == [1.5, 1.0, 1.0]
 
 
@@ -84,7 +84,7 @@ def test_one_scenario_has_no_interval() -> None:
     found = compare(run(scenario("r1", 90.0)), run(scenario("r1", 50.0)))
     lines = [line.split() for line in comparison_table(found).splitlines()]
     assert ["DS", "-40.00", "-", "-"] in lines
-    assert "1 scenario: too few for an interval, which needs 10" in comparison_table(found)
+    assert "1 place: too few for an interval, which needs 10" in comparison_table(found)
 
 
 def test_what_cannot_be_paired_is_listed() -> None:

@@ -43,7 +43,21 @@ def test_the_file_has_the_published_form(tmp_path: Path) -> None:
     assert set(data["overall"]) == {"bucket_mean", "scenario_mean", "timed", "scalars"}
     one = data["scenarios"][0]
     assert set(one) == {
-        *("id", "bucket", "category", "seed", "status", "reason", "ds", "sr", "rc", "ip", "efficient_sr", "time_ratio"),
+        *(
+            "id",
+            "bucket",
+            "category",
+            "place",
+            "seed",
+            "status",
+            "reason",
+            "ds",
+            "sr",
+            "rc",
+            "ip",
+            "efficient_sr",
+            "time_ratio",
+        ),
         *("min_ttc", "scalars", "digest", "ticks", "egos", "comm", "exchanged", "notes"),
     }
     assert set(one["egos"][0]) == {

@@ -5,7 +5,7 @@ import pytest
 from testing.human_study import make_plan
 from testing.study_samples import make_row, make_run, make_scenario
 
-from mdrive_sumo.core.statistics import bootstrap_mean
+from mdrive_sumo.core.statistics import bootstrap_nested
 from mdrive_sumo.core.tables import format_cell
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
 from mdrive_sumo.report.comparison_report.comparison_report import ReportSection
@@ -108,7 +108,7 @@ def test_the_gap_of_roles_is_between_the_means_of_their_agents() -> None:
     assert static.gap.ends is None and static.scenarios == static.gap.units == 5
     table = build_gap_table(tuple(gaps.values()))
     assert [cell.value for cell in table.find_column("paper")] == [None, *PUBLISHED_GAPS.values(), None]
-    assert [cell.value for cell in table.find_column("shown")][1:4] == ["too few scenarios"] * 3
+    assert [cell.value for cell in table.find_column("shown")][1:4] == ["too few places"] * 3
     assert compute_role_gaps({"idm": found["idm"]}) == ()
 
 
@@ -135,9 +135,9 @@ def test_scenarios_stand_beside_those_of_the_paper() -> None:
 
 
 def test_few_scenarios_show_nothing() -> None:
-    few = [PairGain("sharing", "single", "all", 9, *[bootstrap_mean(np.full(9, 3.0))] * 2)]
+    few = [PairGain("sharing", "single", "all", 9, *[bootstrap_nested(np.full(9, 3.0), [(i,) for i in range(9)])] * 2)]
     cells = [cell for row in build_pair_table(few).rows for cell in row.cells]
-    assert [cell.value for cell in cells[-2:]] == ["too few scenarios"] * 2
+    assert [cell.value for cell in cells[-2:]] == ["too few places"] * 2
     assert not any(cell.interval and cell.interval.ends for cell in cells)
 
 
