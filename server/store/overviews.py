@@ -4,8 +4,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-SCORES = ("bucket", "category", "place", "ds", "sr", "efficient_sr", "time_ratio", "rc", "ip")
+SCORES = ("bucket", "category", "ds", "sr", "efficient_sr", "time_ratio", "rc", "ip")
 """Fields of a result that a list shows as they are."""
+NEW_SCORES = ("place",)
+"""Fields that results from before them lack, whose overviews stay as they are stored."""
 EGO_FIELDS = ("id", "outcome", "ds", "rc", "ip", "ticks", "time_ratio")
 FOR_ORGANISERS = ("thinking",)
 """Parts of the usage that no list shows to teams."""
@@ -25,6 +27,7 @@ def make_overview(result: Mapping[str, Any], usage: Mapping[str, Any] | None) ->
     """Return the overview of a result."""
     shown = {name: value for name, value in usage.items() if name not in FOR_ORGANISERS} if usage is not None else None
     overview = EMPTY_OVERVIEW | {name: result.get(name) for name in SCORES} | {"usage": shown}
+    overview |= {name: result[name] for name in NEW_SCORES if name in result}
     if "egos" in result:
         overview["egos"] = [_describe_ego(ego, MAX_INFRACTIONS) for ego in result["egos"]]
     if count_bytes(overview) > MAX_BYTES and overview["egos"] is not None:
