@@ -25,8 +25,16 @@ import numpy as np
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.statistics import CONFIDENCE, MIN_UNITS, SEED
-from mdrive_sumo.scoring.results import EpisodeKey
+from mdrive_sumo.core.statistics import (
+    CONFIDENCE,
+    MIN_EFFECTIVE,
+    MIN_UNITS,
+    ConfidenceInterval,
+    Label,
+    count_effective,
+    draw_nested_counts,
+    make_interval,
+)
 
 LEAST_AGENTS: Final = 3
 """With two agents the difficulties follow the mean of both, and the fit says no more than their difference."""
@@ -46,8 +54,8 @@ LONGEST_STEP: Final = 0.7
 """Of a logit in a round: Newton steps from far away overshoot."""
 
 
-EpisodeScores = Mapping[EpisodeKey, float]
-"""Driving scores [%] of an agent by scenario id and seed, without void episodes."""
+AgentScores = Mapping[Label, float]
+"""Driving scores [%] of an agent by place, scenario id and seed, without void episodes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,14 +102,11 @@ class _Fit:
 
 
 def rank_agents(
-    scores_by_agent: Mapping[str, EpisodeScores],
-    place_by_scenario: Mapping[str, str],
-    group_by_agent: Mapping[str, str | None],
+    scores_by_agent: Mapping[str, AgentScores], group_by_agent: Mapping[str, str | None]
 ) -> ItemResponseRanking:
     """Return the ranking of agents over the scenarios and seeds that all of them have.
 
-    place_by_scenario: network by scenario id; a scenario that is missing counts as a place of its own. group_by_agent:
-    agents are ranked among those of their group, such as a sensing track; None: not ranked, but fitted.
+    group_by_agent: agents are ranked among those of their group, such as a sensing track; None: not ranked, but fitted.
 
     Raises InputError for fewer than three agents, and if they have no scenario with a common seed.
     """
@@ -109,30 +114,54 @@ def rank_agents(
         raise InputError(
             f"ranking by item response: expected at least {LEAST_AGENTS} agents, found {len(scores_by_agent)}"
         )
-    tables = tuple(scores_by_agent.values())
-    common = sorted(set.intersection(*(set(table) for table in tables)))
+    common = sorted(set.intersection(*(set(scores) for scores in scores_by_agent.values())))
     if not common:
         raise InputError("ranking by item response: expected scenarios with seeds that all agents have, found none")
-    scenarios = list(dict.fromkeys(scenario for scenario, _ in common))
-    scores = np.array([[table[key] / 100.0 for key in common] for table in tables]).clip(0.0, 1.0)
-    row_of = {scenario: row for row, scenario in enumerate(scenarios)}
-    owner = np.array([row_of[scenario] for scenario, _ in common])
-    network = [place_by_scenario.get(scenario, scenario) for scenario in scenarios]
-    places = list(dict.fromkeys(network))
-    place = np.array([places.index(name) for name in network])
-    groups = [(name, group_by_agent[name]) for name in scores_by_agent]
-    fit = _fit(_Responses.count(scores, owner, np.ones((1, len(common)))), None, ROUNDS)
+    names = list(dict.fromkeys(str(label[1]) for label in common))
+    row_of = {name: row for row, name in enumerate(names)}
+    owner = np.array([row_of[str(label[1])] for label in common])
+    scores = np.array([[of_agent[label] / 100.0 for label in common] for of_agent in scores_by_agent.values()])
+    scores = scores.clip(0.0, 1.0)
+    counts = draw_nested_counts(common)[: 1 + RESAMPLES].astype(np.float64)
+    fit = _fit(_Responses.count(scores, owner, counts[:1]), None, ROUNDS)
+    places, effective = len({label[0] for label in common}), count_effective(common)
     drawn = None
-    if len(places) >= MIN_UNITS:
-        weights = _draw_weights(owner, place, np.random.default_rng(SEED))
-        drawn = _fit(_Responses.count(scores, owner, weights), fit, RESAMPLE_ROUNDS).ability
-    agents = _rank(groups, 100.0 * scores.mean(axis=1), fit.ability[0], drawn)
+    if places >= MIN_UNITS and effective >= MIN_EFFECTIVE:
+        drawn = _fit(_Responses.count(scores, owner, counts[1:]), fit, RESAMPLE_ROUNDS).ability
+    abilities = _Abilities(fit.ability[0], drawn, places, effective)
+    groups = [(name, group_by_agent[name]) for name in scores_by_agent]
     return ItemResponseRanking(
-        agents,
-        {name: float(100.0 * _sigmoid(fit.difficulty[0, row])) for name, row in row_of.items()},
+        _rank(groups, 100.0 * scores.mean(axis=1), abilities),
+        {name: _to_percent(fit.difficulty[0, row]) for name, row in row_of.items()},
         {name: float(portable.exp(fit.log_discrimination[0, row])) for name, row in row_of.items()},
-        len(places),
+        places,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Abilities:
+    """Abilities as logits, and those of the resamples (RESAMPLES, agents); None for too few places."""
+
+    estimate: Float
+    drawn: Float | None
+    places: int
+    effective: float
+
+    def find_interval(self, agent: int) -> ConfidenceInterval:
+        """Return the interval of an agent's ability."""
+        return self._make(float(self.estimate[agent]), None if self.drawn is None else self.drawn[:, agent])
+
+    def is_clearly_abler(self, one: int, other: int) -> bool:
+        """Return whether an agent is abler by more than chance; without resamples, at all."""
+        gap = float(self.estimate[one] - self.estimate[other])
+        if self.drawn is None:
+            return gap > 0.0
+        return gap > 0.0 and self._make(gap, self.drawn[:, one] - self.drawn[:, other]).is_clear
+
+    def _make(self, mean: float, drawn: Float | None) -> ConfidenceInterval:
+        if drawn is None:
+            return ConfidenceInterval(mean, None, None, self.places)
+        return make_interval(mean, drawn, self.places, self.effective)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,20 +185,6 @@ class _Responses:
             summed[:, :, scenario] += np.multiply.outer(weights[:, episode], scores[:, episode])
         seeds = np.bincount(owner, minlength=scenarios)
         return cls(summed / np.maximum(total, 1.0), total / seeds)
-
-
-def _draw_weights(owner: Float, place: Float, random: np.random.Generator) -> Float:
-    """Return how often each episode counts (RESAMPLES, episodes): places, then scenarios, then seeds drawn anew."""
-    scenarios_of = [np.flatnonzero(place == one) for one in range(int(place.max()) + 1)]
-    episodes_of = [np.flatnonzero(owner == one) for one in range(int(owner.max()) + 1)]
-    weights = np.zeros((RESAMPLES, len(owner)))
-    for row in weights:
-        for chosen in random.integers(len(scenarios_of), size=len(scenarios_of)):
-            pool = scenarios_of[chosen]
-            for scenario in pool[random.integers(len(pool), size=len(pool))]:
-                episodes = episodes_of[scenario]
-                np.add.at(row, episodes[random.integers(len(episodes), size=len(episodes))], 1.0)
-    return weights
 
 
 def _fit(responses: _Responses, start: _Fit | None, rounds: int) -> _Fit:
@@ -213,27 +228,24 @@ def _sigmoid(logit: Float) -> Float:
     return 1.0 / (1.0 + portable.exp(-logit))
 
 
-def _rank(
-    groups: Sequence[tuple[str, str | None]], means: Float, ability: Float, drawn: Float | None
-) -> tuple[RankedAgent, ...]:
-    """Return the agents, the ablest first.
+def _to_percent(logit: float) -> float:
+    return 100.0 / (1.0 + portable.exp(-float(logit)))
 
-    groups: names with their group. drawn: abilities (RESAMPLES, agents) as logits, or None.
-    """
+
+def _rank(groups: Sequence[tuple[str, str | None]], means: Float, abilities: _Abilities) -> tuple[RankedAgent, ...]:
+    """Return the agents, the ablest first. groups: names with their group."""
     tail = (1 - CONFIDENCE) / 2
     ranked: list[RankedAgent] = []
     for i, (name, group) in enumerate(groups):
         rivals = [k for k, (_, other) in enumerate(groups) if other == group and k != i]
-        rank: int | None = 1 + int((ability[rivals] > ability[i]).sum())
-        low = high = rank_low = rank_high = None
-        if drawn is not None:
-            gaps = drawn[:, rivals] - drawn[:, i : i + 1]
-            rank = 1 + int((np.quantile(gaps, tail, axis=0) > 0.0).sum())
-            low, high = (float(100.0 * _sigmoid(end)) for end in np.quantile(drawn[:, i], (tail, 1 - tail)))
-            ranks = 1 + (gaps > 0.0).sum(axis=1)
+        rank = rank_low = rank_high = None
+        if group is not None:
+            rank = 1 + sum(abilities.is_clearly_abler(rival, i) for rival in rivals)
+        if group is not None and abilities.drawn is not None:
+            ranks = 1 + (abilities.drawn[:, rivals] > abilities.drawn[:, i : i + 1]).sum(axis=1)
             rank_low, rank_high = (int(end) for end in np.quantile(ranks, (tail, 1 - tail), method="nearest"))
-        if group is None:
-            rank = rank_low = rank_high = None
-        at = float(100.0 * _sigmoid(ability[i]))
-        ranked.append(RankedAgent(name, float(means[i]), at, low, high, rank, rank_low, rank_high))
+        interval = abilities.find_interval(i)
+        low, high = map(_to_percent, interval.ends) if interval.ends else (None, None)
+        ability = _to_percent(interval.mean)
+        ranked.append(RankedAgent(name, float(means[i]), ability, low, high, rank, rank_low, rank_high))
     return tuple(sorted(ranked, key=lambda one: (-one.ability, one.agent)))

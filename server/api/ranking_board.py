@@ -6,8 +6,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import SensingTrack
-from mdrive_sumo.scenario.suite import load_suite
-from mdrive_sumo.scoring.item_response import LEAST_AGENTS, EpisodeScores, rank_agents
+from mdrive_sumo.core.statistics import Label
+from mdrive_sumo.scoring.item_response import LEAST_AGENTS, AgentScores, rank_agents
 from server.api.problems import HiddenScenariosError
 from server.api.schemas.parameters import ResponseModel
 from server.enums import ChallengeTrack, JobKind
@@ -66,8 +66,7 @@ def read_ranking(session: Session, phase_id: str) -> RankingOut:
     if len(entry_by_submission) < LEAST_AGENTS:
         return RankingOut(phase=phase_id, agents=[], scenarios=0, places=0)
     tracks = {name: entry.sensing_track or SensingTrack.OBJECT for name, entry in entry_by_submission.items()}
-    places = {scenario.id: scenario.network for scenario in load_suite(phase.suite)}
-    ranking = rank_agents(scores, places, {str(name): str(track) for name, track in tracks.items()})
+    ranking = rank_agents(scores, {str(name): str(track) for name, track in tracks.items()})
     agents = [
         RankedSubmissionOut(
             team=entry_by_submission[one.agent].team,
@@ -89,15 +88,16 @@ def read_ranking(session: Session, phase_id: str) -> RankingOut:
     return RankingOut(phase=phase_id, agents=agents, scenarios=len(ranking.difficulty), places=ranking.places)
 
 
-def _read_scores(session: Session, submissions: list[str]) -> dict[str, EpisodeScores]:
-    """Return DS by scenario and seed of each submission that has results."""
+def _read_scores(session: Session, submissions: list[str]) -> dict[str, AgentScores]:
+    """Return DS by place, scenario and seed of each submission; without a known place the scenario is one."""
+    data = JobOverviewRow.data
     wanted = (
-        select(JobRow.submission, JobRow.scenario, JobRow.seed, JobOverviewRow.data["ds"].as_float())
+        select(*(JobRow.submission, JobRow.scenario, JobRow.seed), data["ds"].as_float(), data["place"].as_string())
         .join(JobOverviewRow, JobOverviewRow.job == JobRow.id)
         .where(JobRow.kind == JobKind.SUBMISSION, JobRow.submission.in_(submissions))
     )
-    found: dict[str, dict[tuple[str, int], float]] = defaultdict(dict)
-    for submission, scenario, seed, ds in session.execute(wanted):
+    found: dict[str, dict[Label, float]] = defaultdict(dict)
+    for submission, scenario, seed, ds, place in session.execute(wanted):
         if ds is not None:
-            found[submission][scenario, seed] = ds
+            found[submission][place or scenario, scenario, seed] = ds
     return {name: found[name] for name in submissions if name in found}

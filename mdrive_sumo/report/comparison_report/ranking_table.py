@@ -1,12 +1,10 @@
 """The ranking of a report by item response, beside its means."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from mdrive_sumo.core.statistics import MIN_UNITS, ConfidenceInterval
 from mdrive_sumo.core.tables import Cell, Column, IntervalStyle, Row, Table, make_row
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.scenario.packaged_suites import find_packaged_suite
-from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring.item_response import LEAST_AGENTS, RankedAgent, rank_agents
 
 RANKING_NOTE = (
@@ -20,12 +18,12 @@ NEEDS_AGENTS = f"A ranking by item response needs runs of at least {LEAST_AGENTS
 def build_ranking_table(agents: Sequence[ComparedAgent], name: str = "ranking") -> Table | None:
     """Return the agents, the ablest first; None for too few agents, or without a seed that all of them have."""
     scores = {
-        agent.name: {one.key: one.ds for one in agent.results.scenarios if one.status == "ok"} for agent in agents
+        agent.name: {one.label: one.ds for one in agent.results.scenarios if one.status == "ok"} for agent in agents
     }
     if len(agents) < LEAST_AGENTS or not set.intersection(*(set(table) for table in scores.values())):
         return None
     groups = {agent.name: agent.rank_group if agent.is_ranked else None for agent in agents}
-    ranking = rank_agents(scores, find_places(agents[0]), groups)
+    ranking = rank_agents(scores, groups)
     missing = "" if ranking.places >= MIN_UNITS else f" {ranking.places} places are too few for intervals."
     return Table(
         name,
@@ -40,14 +38,6 @@ def build_ranking_table(agents: Sequence[ComparedAgent], name: str = "ranking") 
         tuple(_make_row(one, ranking.places) for one in ranking.agents),
         RANKING_NOTE + missing,
     )
-
-
-def find_places(agent: ComparedAgent) -> Mapping[str, str]:
-    """Return the network of each scenario of a packaged suite; of others nothing: each scenario is a place."""
-    suite = agent.results.run.suite_label
-    if find_packaged_suite(suite) is None:
-        return {}
-    return {scenario.id: scenario.network for scenario in load_suite(suite)}
 
 
 def _make_row(one: RankedAgent, places: int) -> Row:

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.statistics import Label
 from mdrive_sumo.scoring import item_response
 from mdrive_sumo.scoring.item_response import rank_agents
 
@@ -14,13 +15,13 @@ SEEDS = 2
 
 
 def draw_scores(
-    logits: dict[str, float], scenarios: int, rng: np.random.Generator, noise: float = 0.5
-) -> dict[str, dict[tuple[str, int], float]]:
+    logits: dict[str, float], scenarios: int, rng: np.random.Generator, places: int = 20
+) -> dict[str, dict[Label, float]]:
     """Scores of agents of known ability in scenarios of drawn difficulty."""
     difficulty = rng.normal(0.0, 1.5, scenarios)
     return {
         agent: {
-            (f"s{j}", seed): 100.0 / (1.0 + math.exp(-(logit - difficulty[j] + rng.normal(0.0, noise))))
+            (f"p{j % places}", f"s{j}", seed): 100.0 / (1.0 + math.exp(-(logit - difficulty[j] + rng.normal(0.0, 0.5))))
             for j in range(scenarios)
             for seed in range(SEEDS)
         }
@@ -28,9 +29,8 @@ def draw_scores(
     }
 
 
-def rank(scores: dict[str, dict[tuple[str, int], float]], places: int = 20) -> item_response.ItemResponseRanking:
-    names = {scenario for scenario, _ in next(iter(scores.values()))}
-    return rank_agents(scores, {name: f"p{int(name[1:]) % places}" for name in names}, dict.fromkeys(scores, ""))
+def rank(scores: dict[str, dict[Label, float]]) -> item_response.ItemResponseRanking:
+    return rank_agents(scores, dict.fromkeys(scores, ""))
 
 
 def test_abilities_and_ties_are_found_again() -> None:
@@ -49,7 +49,7 @@ def test_the_fit_is_the_maximum_of_its_objective() -> None:
     """A second method: SciPy's BFGS on quasi-likelihood and priors, written down once more."""
     rng = np.random.default_rng(3)
     scores = draw_scores({"a": 1.0, "b": 0.0, "c": -1.0}, 8, rng)
-    table = np.array([[[of_agent[f"s{j}", seed] / 100 for seed in range(SEEDS)] for j in range(8)]
+    table = np.array([[[of_agent[f"p{j}", f"s{j}", seed] / 100 for seed in range(SEEDS)] for j in range(8)]
                       for of_agent in scores.values()]).mean(axis=2)  # fmt: skip
 
     def lose(x: np.ndarray) -> float:
@@ -71,7 +71,7 @@ def test_the_fit_is_the_maximum_of_its_objective() -> None:
 def test_scenarios_that_all_solve_change_no_rank_but_the_mean() -> None:
     scores = draw_scores({"a": 1.5, "b": 0.0, "c": -1.0}, 40, np.random.default_rng(5))
     for of_agent in scores.values():
-        of_agent |= {(f"s{j}", seed): 100.0 for j in range(40, 80) for seed in range(SEEDS)}
+        of_agent |= {(f"p{j % 20}", f"s{j}", seed): 100.0 for j in range(40, 80) for seed in range(SEEDS)}
     ranking = rank(scores)
     assert [one.agent for one in ranking.agents] == ["a", "b", "c"] and [one.rank for one in ranking.agents] == [
         1,
@@ -90,20 +90,20 @@ def test_the_order_of_agents_and_episodes_changes_nothing() -> None:
 
 
 def test_few_places_give_no_interval_and_agents_of_no_group_no_rank() -> None:
-    scores = draw_scores({"a": 1.0, "b": 0.0, "bound": 3.0}, 30, np.random.default_rng(9))
-    few = rank(scores, places=9).agents
+    scores = draw_scores({"a": 1.0, "b": 0.0, "bound": 3.0}, 30, np.random.default_rng(9), places=9)
+    few = rank(scores).agents
     assert {(one.low, one.rank_low) for one in few} == {(None, None)} and [one.rank for one in few] == [1, 2, 3]
-    apart = rank_agents(scores, {}, {"a": "", "b": "", "bound": None}).agents
+    apart = rank_agents(scores, {"a": "", "b": "", "bound": None}).agents
     assert [(one.agent, one.rank) for one in apart] == [("bound", None), ("a", 1), ("b", 2)]
 
 
 @pytest.mark.parametrize(
     ("scores", "problem"),
     [
-        ({"a": {("s", 0): 1.0}, "b": {("s", 0): 1.0}}, "expected at least 3 agents, found 2"),
-        ({name: {("s", seed): 1.0} for seed, name in enumerate("abc")}, "expected scenarios with seeds that all"),
+        ({"a": {("p", "s", 0): 1.0}, "b": {("p", "s", 0): 1.0}}, "expected at least 3 agents, found 2"),
+        ({name: {("p", "s", seed): 1.0} for seed, name in enumerate("abc")}, "expected scenarios with seeds that all"),
     ],
 )
-def test_what_cannot_be_ranked(scores: dict[str, dict[tuple[str, int], float]], problem: str) -> None:
+def test_what_cannot_be_ranked(scores: dict[str, dict[Label, float]], problem: str) -> None:
     with pytest.raises(InputError, match=problem):
-        rank_agents(scores, {}, dict.fromkeys(scores, ""))
+        rank_agents(scores, dict.fromkeys(scores, ""))

@@ -10,14 +10,13 @@ from testing.store_samples import NOON
 from testing.web_page import Visit, driven, links
 
 from server.enums import TokenScope
-from server.store import phases, teams, tokens
+from server.store import teams, tokens
 
 
 @pytest.fixture
 def server(tmp_path: Path) -> Server:
     made = Server(tmp_path)
     with made.store.write() as session:
-        phases.get(session, "dev").suite = "interdrive@0"
         green = teams.create(session, "green", NOON)
         made.tokens["green"] = tokens.issue(session, green, TokenScope.SUBMIT, NOON)
     return made
