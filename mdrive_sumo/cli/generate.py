@@ -10,7 +10,7 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
-from mdrive_sumo.cli.generate_hard import HARD_COUNT, check_hard_options, generate_hard, hard_options
+from mdrive_sumo.cli.generate_hard import check_hard_options, generate_hard, hard_options
 from mdrive_sumo.cli.generate_season import check_season_options, generate_season, read_secret, season_options
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
@@ -33,6 +33,7 @@ from mdrive_sumo.generate.generation_search import (
     propose_from_template,
     search_scenarios,
 )
+from mdrive_sumo.generate.hard.suite_requirements import LEAST_SCENARIOS
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import SuiteFile, load_suite
 
@@ -61,7 +62,7 @@ def _model_options(function: Callable[..., None]) -> Callable[..., None]:
 @click.command("generate")
 @click.option("--category", type=click.Choice([c.value for c in Category]), help="Kind of interaction.")
 @click.option(
-    "--count", type=click.IntRange(1, 1000), help=f"How many scenarios.  [default: {COUNT}; --hard: {HARD_COUNT}]"
+    "--count", type=click.IntRange(1, 1000), help=f"How many scenarios.  [default: {COUNT}; --hard: {LEAST_SCENARIOS}]"
 )
 @click.option("--proposer", type=click.Choice(("template", "llm")), default="template", show_default=True)
 @click.option("--seed", default=0, show_default=True)
@@ -77,24 +78,24 @@ def _model_options(function: Callable[..., None]) -> Callable[..., None]:
 def command(ctx: click.Context, rebuild: str | None, category: str | None, out: Path | None, **options: Any) -> None:
     """Generate scenarios: proposed, placed on a network, checked, driven blindly and by `omniscient`.
 
-    --hard searches the hard tier instead: for scenarios that `omniscient` solves and the best rules that see and talk
-    do not (docs/hard.md). --season draws a whole season of the benchmark (docs/seasons.md). Ctrl-C stops either, the
-    same command continues it.
+    --season draws a whole season of the benchmark (docs/seasons.md), --hard --season one of the hard tier: scenarios
+    that `omniscient` solves and rules without messages do not (docs/hard.md). Ctrl-C stops either, the same command
+    continues it.
 
     Exit codes: 0 done, 1 fewer scenarios than asked for (or a rebuilt one differs), 2 unusable input.
     """
     if rebuild is not None:
         ctx.exit(_rebuild_suite(rebuild, out))
+    check_hard_options(options)
+    if options["hard"]:
+        if out is None:
+            raise click.UsageError("--hard: expected --out, found none")
+        ctx.exit(generate_hard(ctx, options, out))
     check_season_options(options)
     if options["season"] is not None:
         if out is None:
             raise click.UsageError("--season: expected --out, found none")
         ctx.exit(generate_season(ctx, options, out))
-    check_hard_options(options, category)
-    if options["hard"]:
-        if out is None:
-            raise click.UsageError("--hard: expected --out, found none")
-        ctx.exit(generate_hard(ctx, options, _read_secret(options), out))
     if category is None or out is None:
         raise click.UsageError("expected --category and --out (or --season, --hard or --rebuild), found none")
     order = GenerationRequest(

@@ -1,5 +1,6 @@
 """`mdrive-sumo generate --hard`."""
 
+import importlib.util
 import signal
 import sys
 import time
@@ -10,58 +11,55 @@ from shutil import get_terminal_size
 from typing import Any
 
 import click
-from pydantic import ValidationError
 
+from mdrive_sumo.cli.generate_season import read_secret
 from mdrive_sumo.cli.options import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.terminal import echo, echo_live
 from mdrive_sumo.generate.generated_suite import check_output_folder
 from mdrive_sumo.generate.hard.adversarial_search import SearchJournal, SearchSettings, run_search
-from mdrive_sumo.generate.hard.archive_file import build_archive_file, save_archive_file
-from mdrive_sumo.generate.hard.archive_picture import draw_archives
-from mdrive_sumo.generate.hard.behaviour_archive import FamilySearch, SearchSeed, check_search_library
-from mdrive_sumo.generate.hard.candidate_evaluation import KNOWN_SUITES, CandidateEvaluation
-from mdrive_sumo.generate.hard.hard_recipe import find_families, load_start
-from mdrive_sumo.generate.hard.hard_selection import ChosenElite, SelectionSettings, select_checked_elites
+from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation
+from mdrive_sumo.generate.hard.family_search import BATCH, FamilySearch
+from mdrive_sumo.generate.hard.hard_places import HardPlace, draw_pool, list_choices
+from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR, find_families
+from mdrive_sumo.generate.hard.hard_selection import ChosenCandidate, choose_scenarios
 from mdrive_sumo.generate.hard.hard_suite import write_hard_suite
-from mdrive_sumo.generate.hard.suite_aims import find_missed_aims, is_certified, is_on_corridor
+from mdrive_sumo.generate.hard.suite_aims import find_missed_aims, is_proven
+from mdrive_sumo.generate.hard.suite_requirements import LEAST_SCENARIOS
+from mdrive_sumo.generate.seasons.season_seed import SeasonSeed, parse_season
+from mdrive_sumo.roads.netconvert import find_netconvert
 from mdrive_sumo.runs.journal import open_journal
-from mdrive_sumo.scenario.packaged_suites import list_packaged_suites
 from mdrive_sumo.scenario.suite import SuiteFile
 
-HARD_SUITE = "hard"
-"""The packaged suite; a hidden one must not repeat it."""
-HARD_COUNT = 126
-"""A third on corridors, 80 certificates (issue K), and room for categories that are neither."""
-BUDGET = 72
-"""New candidates of a family in a command that says no budget: nine batches of eight."""
-HARD_ONLY = ("families", "budget", "start_from", "search_folder", "fresh", "no_search")
-NOT_HARD = ("proposer", "endpoint", "model", "explain")
+HARD_NAME = "hard"
+BUDGET = 96
+"""Candidates of a family in a command that says no budget: twelve batches."""
+PLACES_FOLDER = "places"
+HARD_ONLY = ("families", "budget", "search_folder", "fresh", "no_search")
+WITH_HARD = ("hard", "season", "secret", "count", "out", "workers", *HARD_ONLY)
 
 
 def hard_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add the options of the adversarial search to a command."""
     options = (
-        click.option("--hard", is_flag=True, help="Search the hard tier (needs the extra `search`)."),
+        click.option(
+            "--hard", is_flag=True, help="Search a season of the hard tier: with --season N (needs the extra `search`)."
+        ),
         click.option("--family", "families", multiple=True, metavar="F", help="hard: only this family; may repeat."),
         click.option(
             "--budget",
             type=click.IntRange(1, 100_000),
             default=BUDGET,
             show_default=True,
-            help="hard: new candidates per family, rounded up to batches of 8.",
-        ),
-        click.option(
-            "--start-from",
-            metavar="SUITE",
-            help="hard: begin with the scenarios of this suite of the hard tier, not with random ones.",
+            help=f"hard: candidates per family, rounded up to batches of {BATCH}.",
         ),
         click.option(
             "--search-folder",
             type=click.Path(path_type=Path, file_okay=False),
-            help="hard: journal, archive and pictures of the search.  [default: OUT.search]",
+            help="hard: journal and places of the search.  [default: OUT.search]",
         ),
-        click.option("--fresh", is_flag=True, help="hard: drop what the search folder holds."),
+        click.option("--fresh", is_flag=True, help="hard: drop what the journal of the search holds."),
         click.option("--no-search", is_flag=True, help="hard: only choose from what the search folder holds."),
         workers_option,
     )
@@ -70,77 +68,87 @@ def hard_options(function: Callable[..., None]) -> Callable[..., None]:
     return function
 
 
-def check_hard_options(options: Mapping[str, Any], category: str | None) -> None:
+def check_hard_options(options: Mapping[str, Any]) -> None:
     """Raise click.UsageError for options that do not go with --hard, or only with it."""
-    given = click.get_current_context().get_parameter_source
-    typed = [name for name in (*HARD_ONLY, *NOT_HARD) if given(name) is click.core.ParameterSource.COMMANDLINE]
-    if options["hard"] and category is not None:
-        raise click.UsageError("--hard chooses families, so --category does not go with it; --family names one")
+    context = click.get_current_context()
+    given = context.get_parameter_source
+    typed = [name for name in context.params if given(name) is click.core.ParameterSource.COMMANDLINE]
+    names = {one.name: one.opts[0] for one in context.command.params}
     for name in typed:
-        option = "--family" if name == "families" else "--" + name.replace("_", "-")
-        if options["hard"] != (name in HARD_ONLY):
-            raise click.UsageError(f"{option} goes {'only' if name in HARD_ONLY else 'not'} with --hard")
+        if options["hard"] and name not in WITH_HARD:
+            raise click.UsageError(f"{names[name]} goes not with --hard")
+        if not options["hard"] and name in HARD_ONLY:
+            raise click.UsageError(f"{names[name]} goes only with --hard")
+    if options["hard"] and options["season"] is None:
+        raise click.UsageError("--hard: expected --season N, found none")
 
 
-def generate_hard(ctx: click.Context, options: Mapping[str, Any], secret: str, out: Path) -> int:
+def generate_hard(ctx: click.Context, options: Mapping[str, Any], out: Path) -> int:
     """Search, choose, write the suite and return the exit code; Ctrl-C ends the command with 130."""
-    check_search_library()
+    _check_choice_library()
     families = find_families(options["families"])
     check_output_folder(out)
-    about = _describe_suite(out, options)
+    seed = parse_season(options["season"], read_secret(options["secret"]) if options["secret"] else "")
+    about = _describe_suite(seed)
     folder: Path = options["search_folder"] or out.parent / f"{out.name}.search"
-    start, checksum = load_start(options["start_from"]) if options["start_from"] else ({}, "")
-    seed = SearchSeed(options["seed"], options["split"], secret, checksum)
-    known = KNOWN_SUITES + ((HARD_SUITE,) if secret and HARD_SUITE in list_packaged_suites() else ())
-    search = SearchSettings(families, options["budget"], seed, options["workers"], known, start)
+    find_netconvert()
+    settings = SearchSettings(families, options["budget"], seed, options["workers"])
     display = SearchDisplay()
     try:
-        with open_journal(folder, search.fingerprint, fresh=options["fresh"]) as opened:
+        with open_journal(folder, settings.fingerprint, fresh=options["fresh"]) as opened:
             if opened.torn:
                 display.note("the last line of the journal was incomplete and has been dropped")
-            journal = SearchJournal(opened)
-            searches = run_search(search, journal, display, only_kept=options["no_search"])
-            display.close()
-            save_archive_file(build_archive_file(searches), folder)
-            selection = SelectionSettings(options["count"] or HARD_COUNT, options["workers"])
-            passed = [one for search in searches for one in search.evaluations if one.figures is not None]
-            chosen = select_checked_elites(passed, selection, journal, display.note)
+            pool = _draw_pool(settings, folder)
+            display.note(f"{len(pool)} places for {len(families)} families: {folder / PLACES_FOLDER}")
+            searches = run_search(settings, pool, SearchJournal(opened), display, only_kept=options["no_search"])
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
         display.close()
         again = "the same command" + (" without --fresh" if options["fresh"] else "")
         echo(f"interrupted; {again} continues {folder}, with --no-search it chooses from what is there", err=True)
         ctx.exit(130)
-    content = build_archive_file(searches, {one.scenario.id for one in chosen})
-    save_archive_file(content, folder)
-    draw_archives(content, folder)
+    display.close()
     echo(_format_searches(searches))
+    passed = [one for search in searches for one in search.evaluations if one.figures is not None]
+    count = options["count"] or LEAST_SCENARIOS
+    chosen = choose_scenarios(passed, {place.name: place for place in pool}, count)
     if not chosen:
+        tried = sum(len(search.evaluations) for search in searches)
+        raise InputError(f"{folder}: expected a scenario among {tried} candidates, found none; a larger --budget helps")
+    write_hard_suite(about, chosen, out)
+    echo(_format_chosen(chosen, count, out))
+    return 0 if len(chosen) == count else 1
+
+
+def _check_choice_library() -> None:
+    """Raise InputError without SciPy, which chooses."""
+    if importlib.util.find_spec("scipy") is None:
         raise InputError(
-            f"{folder}: expected a scenario among {len(passed)} candidates, found none; a larger --budget helps"
+            "generate --hard: expected the package scipy, which the choice needs, found none;"
+            f" {format_installation('search')}"
         )
-    need = {name: check.need for name, check in journal.checks.items() if check.need is not None}
-    write_hard_suite(about, chosen, need, out)
-    echo(f"{folder}  archive.json, pictures and the journal of the search")
-    echo(_format_chosen(chosen, selection.count, out))
-    return 0 if len(chosen) == selection.count else 1
 
 
-def _describe_suite(out: Path, options: Mapping[str, Any]) -> SuiteFile:
-    title = "Hard tier: `omniscient` arrives in time, rules that see and talk do not"
-    about = f"{options['split']} split, adversarial search, seed {options['seed']}"
-    try:
-        return SuiteFile(name=out.name, title=title, description=about, score_mode="hard")
-    except ValidationError:
-        raise InputError(
-            f"--out {out}: expected a folder name of letters, digits and _.+- (at most 80), found {out.name!r}"
-        ) from None
+def _draw_pool(settings: SearchSettings, folder: Path) -> tuple[HardPlace, ...]:
+    seed = settings.seed.derive("hard", HARD_GENERATOR, "places")
+    return draw_pool(list_choices(settings.families), seed, folder / PLACES_FOLDER, settings.workers)
+
+
+def _describe_suite(seed: SeasonSeed) -> SuiteFile:
+    return SuiteFile(
+        name=HARD_NAME,
+        title=f"Hard tier: `omniscient` arrives in time, rules without messages do not, season {seed.season}",
+        description=f"Season {seed.season}, drawn by `mdrive-sumo generate --hard`"
+        + (" with a secret." if seed.secret else "."),
+        season=seed.season,
+        score_mode="hard",
+    )
 
 
 def _format_searches(searches: Sequence[FamilySearch]) -> str:
     return "\n".join(
-        f"{one.family.category}: {len(one.elites)} elites of {len(one.evaluations)} candidates"
-        f"{_format_rejections(one.evaluations)}"
+        f"{one.family.category}: {sum(it.figures is not None for it in one.evaluations)} of"
+        f" {len(one.evaluations)} candidates on {len(one.places)} places passed{_format_rejections(one.evaluations)}"
         for one in searches
     )
 
@@ -151,15 +159,16 @@ def _format_rejections(evaluations: Sequence[CandidateEvaluation]) -> str:
     return f"; rejected {counts}" if counts else ""
 
 
-def _format_chosen(chosen: Sequence[ChosenElite], count: int, out: Path) -> str:
+def _format_chosen(chosen: Sequence[ChosenCandidate], count: int, out: Path) -> str:
     evaluations = [one.evaluation for one in chosen]
     names = evaluations[0].measured.scores
     means = {name: sum(one.measured.scores[name] for one in evaluations) / len(chosen) for name in names}
     missed = list(find_missed_aims(evaluations, count))
     return (
-        f"{len(chosen)} of {count} scenarios: {out}; {len({one.family for one in evaluations})} categories,"
-        f" {sum(map(is_certified, evaluations))} certificates of need, {sum(map(is_on_corridor, evaluations))} on"
-        f" corridors; mean scores {', '.join(f'{name} {mean:.1f}' for name, mean in means.items())}\n"
+        f"{len(chosen)} of {count} scenarios: {out}; {len({one.family for one in evaluations})} categories on"
+        f" {len({one.place for one in evaluations})} places, {sum(one.measured.need.holds for one in evaluations)}"
+        f" certificates of need, {sum(map(is_proven, evaluations))} of level all; mean scores"
+        f" {', '.join(f'{name} {mean:.1f}' for name, mean in means.items())}\n"
         + (f"aims missed: {'; '.join(missed)}" if missed else "all aims are met")
     )
 
@@ -169,7 +178,7 @@ class SearchDisplay:
 
     def __init__(self) -> None:
         self._live = sys.stderr.isatty()
-        self._total = self._kept = self._done = self._elites = 0
+        self._total = self._kept = self._done = self._passed = 0
         self._began = time.monotonic()
 
     def begin(self, total: int, kept: int) -> None:
@@ -181,14 +190,14 @@ class SearchDisplay:
     def evaluated(self, evaluation: CandidateEvaluation) -> None:
         """See SearchProgress."""
         self._done += 1
-        self._elites += evaluation.figures is not None
+        self._passed += evaluation.figures is not None
         found = evaluation.figures
         result = (
-            f"gap {found.gap:.1f}, unaided {found.unaided_score:.1f}, waiting {found.waiting_score:.1f}"
+            f"talking {found.score:.1f}, unaided {found.unaided_score:.1f}, factor {found.limit_factor:g}"
             if found
             else f"refused at {evaluation.stage}: {evaluation.reason}"
         )
-        line = f"{self._kept + self._done}/{self._total}  {self._elites} kept  eta {self._format_eta()}"
+        line = f"{self._kept + self._done}/{self._total}  {self._passed} passed  eta {self._format_eta()}"
         self._write(f"{line}  {evaluation.id}: {result}")
 
     def note(self, text: str) -> None:

@@ -12,6 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.roads import RoadMap, load_road_map
+from mdrive_sumo.roads.network_file import NET_FILE
 from mdrive_sumo.worlds.network_features import NetworkFeatures, Topology, extract_features
 from mdrive_sumo.worlds.places import PLACE_KINDS, PLACES_VERSION, Place, check_place, draw_place, write_place
 from mdrive_sumo.worlds.places.place_files import PlaceFile
@@ -146,15 +147,18 @@ def describe_place(place: Place) -> PlaceFile:
 
 
 def redraw_network(about: PlaceFile, folder: Path) -> RoadMap:
-    """Draw the place of a recipe again into `folder`/NAME and return its road map; raise InputError for one of another
-    version."""
+    """Draw the place of a recipe again into `folder`/NAME, unless it is there, and return its road map.
+
+    Raises InputError for a place of another version.
+    """
     if about.version != PLACES_VERSION:
         raise InputError(
             f"recipe: place: expected version {PLACES_VERSION}, which this release draws, found {about.version}:"
             " the release that drew the season rebuilds it"
         )
     place = draw_place(about.kind, about.seed, **about.parameters)
-    return load_road_map(write_place(place, folder / place.name))
+    home = folder / place.name
+    return load_road_map(home if (home / NET_FILE).is_file() else write_place(place, home))
 
 
 @contextmanager

@@ -107,9 +107,10 @@ def rebuild_scenario(recipe: AnyRecipe, networks: Path) -> Scenario:
     """Return the scenario of a recipe, its place drawn into a folder below `networks` if it has one; raises InputError
     where this generator rejects it."""
     try:
-        if isinstance(recipe, HardRecipe):
-            return build_hard_scenario(recipe)
         roads = redraw_network(recipe.place, networks) if recipe.place is not None else None
+        if isinstance(recipe, HardRecipe):
+            assert roads is not None, "every recipe of the hard tier has a place"
+            return build_hard_scenario(recipe, roads)
         return build_scenario(recipe, roads=roads)
     except ProposalRejected as refused:
         raise InputError(f"recipe {recipe.id}: refused at stage {refused.stage}: {refused.reason}") from None
@@ -136,11 +137,12 @@ def write_rebuilt_suite(suite: Suite, recipes: Mapping[Path, AnyRecipe], folder:
 def find_rebuild_differences(recipes: Mapping[Path, AnyRecipe]) -> Iterator[str]:
     """Return the names of scenario folders whose file, or whose network, is missing or differs from the rebuilt one,
     byte for byte."""
-    for home, recipe in recipes.items():
-        with tempfile.TemporaryDirectory() as scratch:
-            networks, again = Path(scratch) / NETWORKS_FOLDER, Path(scratch) / SCENARIO_FILE
-            save_scenario(rebuild_scenario(recipe, networks), again)
-            drawn = [path.relative_to(scratch) for path in sorted(networks.glob("*/*"))]
+    with tempfile.TemporaryDirectory() as scratch:
+        networks, again = Path(scratch) / NETWORKS_FOLDER, Path(scratch) / SCENARIO_FILE
+        for home, recipe in recipes.items():
+            scenario = rebuild_scenario(recipe, networks)
+            save_scenario(scenario, again)
+            drawn = [path.relative_to(scratch) for path in sorted(networks.glob(f"{scenario.network}/*"))]
             pairs = [(again, home / SCENARIO_FILE), *((Path(scratch) / path, home.parent / path) for path in drawn)]
             if not all(found.is_file() and read_bytes(made) == read_bytes(found) for made, found in pairs):
                 yield home.name

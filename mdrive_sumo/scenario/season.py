@@ -11,8 +11,10 @@ from pydantic import Field, StrictInt, StringConstraints
 
 from mdrive_sumo.core.errors import InputError
 
-SEASON_SUITES = ("interdrive", "interaction", "v2xpnp", "mdrive")
-"""Names of the suites that every season has, the one that is made of the others last."""
+BENCHMARK_SUITES = ("interdrive", "interaction", "v2xpnp", "mdrive")
+"""Names of the suites of the benchmark, which every season has; the one that is made of the others is the last."""
+SEASON_SUITES = ("hard", *BENCHMARK_SUITES)
+"""Names of all suites with seasons."""
 SEASON_SIGN = "@"
 """Between the name of a suite and its season."""
 FIRST_SEASON = 0

@@ -10,11 +10,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.core.output_files import make_folder, write_bytes
 from mdrive_sumo.core.terminal import echo
-from mdrive_sumo.scenario.season import SEASON_SUITES
+from mdrive_sumo.scenario.season import BENCHMARK_SUITES
 from mdrive_sumo.scenario.suite import Suite
 from server.settings import PhaseSettings, ServerSettings
 
-*BUCKETS, WHOLE = SEASON_SUITES
+*BUCKETS, WHOLE = BENCHMARK_SUITES
 SECRETS_FOLDER = "seasons"
 """In the data folder: the secrets of seasons, one file a phase."""
 SECRET_BYTES = 32
@@ -64,7 +64,7 @@ def _find_phase(settings: ServerSettings, name: str) -> PhaseSettings:
     folder = Path(found.suite)
     if found.public:
         raise InputError(f"phase draw: expected a hidden phase, found {name}, which is public: set public = false")
-    if not folder.is_absolute() or folder.name not in SEASON_SUITES:
+    if not folder.is_absolute() or folder.name not in BENCHMARK_SUITES:
         raise InputError(
             f"phase draw: phase {name}: suite: expected an absolute folder FOLDER/{WHOLE} or FOLDER/BUCKET for the"
             f" season, found {found.suite!r:.80}"

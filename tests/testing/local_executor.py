@@ -67,7 +67,7 @@ def run_in_process(patch: pytest.MonkeyPatch) -> None:
         "study.ablation",
         "generate.validation.scenario_validation",
         "generate.hard.adversarial_search",
-        "generate.hard.hard_selection",
+        "generate.hard.hard_places",
     ):
         patch.setattr(f"mdrive_sumo.{module}.ProcessPool", LocalExecutor)
     agents: Mapping[str, Any] = {**AGENTS, TALKER: Talker}

@@ -6,10 +6,10 @@ import pytest
 
 from mdrive_sumo.scenario import packaged_suites
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.season import SEASON_SUITES
+from mdrive_sumo.scenario.season import BENCHMARK_SUITES
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite, seal_suite
 
-PARTS = SEASON_SUITES[:-1]
+PARTS = BENCHMARK_SUITES[:-1]
 
 
 def write_season(folder: Path, season: int | str | None, scenario: Scenario) -> Suite:

@@ -12,9 +12,7 @@ from typing import Any, Protocol
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.hard.behaviour_archive import BATCH, FamilySearch, SearchSeed
 from mdrive_sumo.generate.hard.candidate_evaluation import (
-    KNOWN_SUITES,
     MOST_BLIND,
     CandidateEvaluation,
     CandidateTask,
@@ -22,15 +20,17 @@ from mdrive_sumo.generate.hard.candidate_evaluation import (
     make_failed_evaluation,
 )
 from mdrive_sumo.generate.hard.candidate_probes import describe_probes
-from mdrive_sumo.generate.hard.elite_check import EliteCheck
-from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
+from mdrive_sumo.generate.hard.family import ScenarioFamily
+from mdrive_sumo.generate.hard.family_search import BATCH, FamilySearch
+from mdrive_sumo.generate.hard.hard_places import PLACES_OF_CHOICE, HardPlace, find_places
 from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR
+from mdrive_sumo.generate.seasons.season_seed import SeasonSeed
 from mdrive_sumo.runs.executor import Key
 from mdrive_sumo.runs.journal import Fingerprint, Journal
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.scenario import describe_first_error
 
-CANDIDATE_LIMIT_S = 1800.0
+CANDIDATE_LIMIT_S = 600.0
 """Wall clock for one candidate: it ends what hangs, and must not end what only waits for a busy machine."""
 
 
@@ -40,30 +40,23 @@ class SearchSettings:
 
     families: tuple[ScenarioFamily, ...]
     budget: int
-    """New candidates per family, rounded up to whole batches."""
-    seed: SearchSeed
+    """Candidates per family, rounded up to whole batches."""
+    seed: SeasonSeed
     workers: int
-    known_suites: tuple[str, ...] = KNOWN_SUITES
-    """Suites whose scenarios must not be repeated."""
-    start: Mapping[str, tuple[FamilyCandidate, ...]] = field(default_factory=dict[str, tuple[FamilyCandidate, ...]])
-    """Candidates of an earlier suite, by family, that come before all others and do not count against the budget."""
 
     @property
     def batches(self) -> int:
-        """Batches of new candidates per family."""
+        """Batches of candidates per family."""
         return -(-self.budget // BATCH)
 
     @property
     def fingerprint(self) -> Fingerprint:
         """What makes two searches the same: neither budget nor families, which only extend a search."""
         return {
-            "search": "mdrive-sumo/hard-search/2",
+            "search": "mdrive-sumo/hard-search/3",
             "generator": HARD_GENERATOR,
-            "seed": self.seed.seed,
-            "split": self.seed.split,
-            "secret": self.seed.derive("fingerprint") if self.seed.secret else "",
-            "known": ",".join(self.known_suites),
-            "start": self.seed.start,
+            **self.seed.describe(),
+            "places": PLACES_OF_CHOICE,
             "probes": f"<{MOST_BLIND:g} {describe_probes()}",
         }
 
@@ -85,14 +78,13 @@ class SearchProgress(Protocol):
 
 
 class SearchJournal:
-    """The journal of a search: evaluations and checks of elites, by the id of the candidate."""
+    """The journal of a search: evaluations by the id of the candidate."""
 
     def __init__(self, journal: Journal) -> None:
         """Read what earlier starts wrote. Raises InputError for an entry that is none."""
         self._journal = journal
         self.path = journal.path
         self.evaluations: dict[str, CandidateEvaluation] = {}
-        self.checks: dict[str, EliteCheck] = {}
         for entry in journal.results:
             try:
                 self._keep(entry)
@@ -103,20 +95,11 @@ class SearchJournal:
     def add_evaluation(self, evaluation: CandidateEvaluation) -> None:
         """Append an evaluation; it is on the disk when this returns."""
         self.evaluations[evaluation.id] = evaluation
-        self._journal.add_result({"id": evaluation.id, "evaluation": evaluation.model_dump(mode="json")})
-
-    def add_check(self, check: EliteCheck) -> None:
-        """Append the check of an elite."""
-        self.checks[check.id] = check
-        self._journal.add_result({"id": check.id, "check": check.model_dump(mode="json")})
+        self._journal.add_result(evaluation.model_dump(mode="json"))
 
     def _keep(self, entry: Mapping[str, Any]) -> None:
-        if "check" in entry:
-            check = EliteCheck.model_validate(entry["check"])
-            self.checks[check.id] = check
-        else:
-            evaluation = CandidateEvaluation.model_validate(entry["evaluation"])
-            self.evaluations[evaluation.id] = evaluation
+        evaluation = CandidateEvaluation.model_validate(entry)
+        self.evaluations[evaluation.id] = evaluation
 
 
 @dataclass
@@ -133,21 +116,16 @@ class _FamilyQueue:
     """Those that no worker process has yet."""
 
     @property
-    def all_batches(self) -> int:
-        """Batches to record, with that of the start."""
-        return self.settings.batches + self.search.has_start
-
-    @property
     def given(self) -> int:
-        """New candidates that worker processes have had, below 0 while those of the start wait."""
-        return (self.batches + 1 - self.search.has_start) * BATCH - len(self.waiting)
+        """Candidates that worker processes have had."""
+        return (self.batches + 1) * BATCH - len(self.waiting)
 
     def advance(self) -> None:
         """Record complete batches and propose the next one, until one is incomplete or none is left."""
-        while self.batches < self.all_batches:
+        while self.batches < self.settings.batches and not self.search.is_hopeless:
             if not self.batch:
-                known = self.settings.known_suites
-                self.batch = [CandidateTask(self.search.family, one, known) for one in self.search.propose_batch()]
+                family, places = self.search.family, self.search.places
+                self.batch = [CandidateTask(family, one, places[one.place]) for one in self.search.propose_batch()]
                 self.waiting = _find_missing(self.batch, self.journal)
             names = [task.candidate.scenario_id for task in self.batch]
             if not all(name in self.journal.evaluations for name in names):
@@ -166,25 +144,28 @@ class _FamilyQueue:
 
 
 def run_search(
-    settings: SearchSettings, journal: SearchJournal, progress: SearchProgress, *, only_kept: bool = False
+    settings: SearchSettings,
+    pool: Sequence[HardPlace],
+    journal: SearchJournal,
+    progress: SearchProgress,
+    *,
+    only_kept: bool = False,
 ) -> tuple[FamilySearch, ...]:
-    """Search all families and return them with their archives. Raises InputError, KeyboardInterrupt.
+    """Search all families on the places of a pool and return them. Raises InputError, KeyboardInterrupt.
 
     A family waits for its own batch alone, so that no worker process idles while another family's batch ends.
     only_kept: evaluate nothing; a family ends with the first batch that the journal does not hold completely.
     """
-    starts = {family.category: settings.start.get(family.category, ()) for family in settings.families}
-    searches = [FamilySearch(family, settings.seed, starts[family.category]) for family in settings.families]
+    searches = [FamilySearch(family, find_places(pool, family), settings.seed) for family in settings.families]
     queues = [_FamilyQueue(search, settings, journal) for search in searches]
-    total = len(queues) * settings.batches * BATCH + sum(map(len, starts.values()))
-    progress.begin(total, len(journal.evaluations))
+    progress.begin(len(queues) * settings.batches * BATCH, len(journal.evaluations))
     for queue in queues:
         queue.advance()
     if not only_kept:
         with ProcessPool[CandidateTask, CandidateEvaluation](
             evaluate_candidate, settings.workers, CANDIDATE_LIMIT_S
-        ) as pool:
-            _evaluate(pool, queues, journal, progress)
+        ) as workers:
+            _evaluate(workers, queues, journal, progress)
     for queue in queues:
         queue.end()
     return tuple(queue.search for queue in queues)
@@ -220,7 +201,7 @@ def _find_missing(batch: Sequence[CandidateTask], journal: SearchJournal) -> lis
     """Return the candidates that the journal does not hold. Raises InputError where it has one with other values."""
     for task in batch:
         found = journal.evaluations.get(task.candidate.scenario_id)
-        if found is not None and (found.values, found.seed) != (task.candidate.values, task.candidate.seed):
+        if found is not None and (found.place, found.values) != (task.candidate.place, task.candidate.values):
             raise InputError(
                 f"{journal.path}: candidate {found.id}: expected values {task.candidate.values}, found {found.values};"
                 " its family or the search has changed since; --fresh starts anew"

@@ -1,14 +1,13 @@
-"""Evaluate a candidate of the adversarial search: built, new, solved by `omniscient`, and how much the rules lose.
+"""Evaluate a candidate of the adversarial search: built, solved by `omniscient`, and how much the rules lose.
 
-The cheapest test comes first: build -> duplicates -> length -> danger (blind driving must do harm) -> feasibility
-(`omniscient`, seed 0) -> how far the rules come, without and with messages (seed 0) -> feasibility (`omniscient`, other
-seeds) -> the rules with two other seeds -> certificate of need.
+The cheapest test comes first: build -> length -> danger (blind driving must do harm) -> feasibility (`omniscient`, seed
+0) -> the two rules that decide most (seed 0) -> feasibility with other seeds -> the factor of the time limits -> all
+rules with three seeds -> speeding and cautious variants -> certificate of need. Only what the choice needs is kept.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -16,50 +15,57 @@ from pydantic import BaseModel, ConfigDict, Field
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.generate.duplicates import find_duplicate
 from mdrive_sumo.generate.hard.candidate_probes import (
+    FIRST_PROBES,
+    FIRST_SEED,
     PROBE_MODE,
     PROBE_OPTIONS,
     PROBE_SEEDS,
+    PROBES,
     TALKING_NAMES,
     UNAIDED_NAMES,
-    WAITING,
+    VARIANTS,
     CandidateScores,
 )
 from mdrive_sumo.generate.hard.candidate_rejection import CandidateRejected, RejectionStage
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
-from mdrive_sumo.generate.hard.hard_recipe import (
-    HARD_GENERATOR,
-    HardRecipe,
-    build_candidate,
-)
+from mdrive_sumo.generate.hard.hard_places import HardPlace
+from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR, HardRecipe, build_candidate
+from mdrive_sumo.generate.hard.met_controls import count_met_controls
 from mdrive_sumo.generate.hard.reference_drive import drive_with
-from mdrive_sumo.generate.hard.time_limits import LIMIT_EXTRA_S, LIMIT_FACTOR, compute_time_limits, set_time_limits
+from mdrive_sumo.generate.hard.time_limits import (
+    LIMIT_EXTRA_S,
+    MOST_FACTOR,
+    compute_time_limits,
+    set_time_limits,
+)
 from mdrive_sumo.generate.rejection import ProposalRejected
-from mdrive_sumo.generate.validation import FULL_SCORE, HARD_SEEDS
-from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.generate.validation import FULL_SCORE
+from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.reference_times import REFERENCE_AGENT, ReferenceTicks
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.statistics import compute_route_length
-from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scenario.variation import vary_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, find_arrival_ticks, score_episode
-from mdrive_sumo.study.need_certificate import certify_need
+from mdrive_sumo.study.need_certificate import NeedCertificate, certify_need
 
 BLIND_AGENT = "constant-speed"
 """It is driven before anything else, and cheaply: most random candidates hold no conflict at all."""
 MOST_BLIND = 75.0
 """Score without regard to the time above which the blind agent is not in danger."""
-MOST_CAV_S = 240.0
-"""Times of all CAVs with `omniscient` together [s]: twelve CAVs of 20 s. Processor time is proportional to it; the
-choice bounds the mean, so that the whole suite is driven in eight minutes on two cores."""
+MOST_CAV_S = 200.0
+"""Times of all CAVs with `omniscient` together [s]. Processor time is proportional to it; the choice bounds the mean,
+so that the whole suite is driven in eight minutes on two cores."""
 DELAY_FACTOR, DELAY_S = 2.0, 10.0
 """`omniscient` must arrive within so many times the time at the speed limit, and so many seconds for a start from a
 standstill. Where it waits longer the time limit would allow every agent to wait, and the drive costs more processor
 time."""
-KNOWN_SUITES = ("mdrive@0",)
-"""Suites whose scenarios must not be repeated."""
+REFERENCE_SEEDS = (*PROBE_SEEDS, 8, 9)
+"""Seeds with which `omniscient` must solve a candidate: those that choose, and two that no table has, because a
+solution that fails with one start in ten would be missed by three."""
+REASON_CHARACTERS = 120
+"""Of the reason of a rejection in a journal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +74,7 @@ class CandidateTask:
 
     family: ScenarioFamily
     candidate: FamilyCandidate
-    known_suites: tuple[str, ...] = KNOWN_SUITES
+    place: HardPlace
 
 
 class CandidateFigures(BaseModel):
@@ -78,17 +84,19 @@ class CandidateFigures(BaseModel):
 
     reference_ticks: Mapping[str, Annotated[int, Field(ge=1)]]
     """Of `omniscient`, by CAV id."""
+    limit_factor: float
+    """What these times are multiplied by for the time limits."""
     scores: Mapping[str, float]
-    """Mean scores (mode `hard`) over the seeds of the probes, by name of the probe, and of `omniscient`."""
-    network: str
-    road_users: int = Field(ge=1)
-    """CAVs, background vehicles and scripted road users; no props."""
-    mean_speed: float
-    """Of the CAVs with `omniscient` [m/s]: lengths of the routes by times."""
-    message_gain_s: float
-    """How much earlier a message tells of the conflict, see the certificate of need; 0 without one."""
-    is_certified: bool
-    """Whether the certificate of need holds."""
+    """Mean scores (mode `hard`) over the seeds of each probe, by its name, and of `omniscient`."""
+    controlled_routes: int = Field(ge=0)
+    """CAVs that meet a priority sign, a light or a stop sign."""
+    need: NeedCertificate
+    """The certificate of need, from the drive with seed 0."""
+
+    @property
+    def routes(self) -> int:
+        """Number of CAVs."""
+        return len(self.reference_ticks)
 
     @property
     def score(self) -> float:
@@ -97,18 +105,8 @@ class CandidateFigures(BaseModel):
 
     @property
     def unaided_score(self) -> float:
-        """Of the best of the agents without messages; one that waits by its number is not among them."""
+        """Of the best of the agents without messages, speeding and cautious variants aside."""
         return max(self.scores[name] for name in UNAIDED_NAMES)
-
-    @property
-    def waiting_score(self) -> float:
-        """Of `take-turns`."""
-        return self.scores[WAITING]
-
-    @property
-    def gap(self) -> float:
-        """Points that the best rules that talk lose against `omniscient`."""
-        return FULL_SCORE - self.score
 
     @property
     def driving_s(self) -> float:
@@ -123,11 +121,13 @@ class CandidateEvaluation(BaseModel):
 
     id: Identifier
     family: Identifier
+    place: Identifier
+    """Name of its network."""
     values: tuple[float, ...]
     seed: str
-    figures: CandidateFigures | None = None
-    stage: RejectionStage | None = None
-    reason: str = ""
+    figures: CandidateFigures | None = Field(default=None, exclude_if=lambda figures: figures is None)
+    stage: RejectionStage | None = Field(default=None, exclude_if=lambda stage: stage is None)
+    reason: str = Field(default="", exclude_if=lambda reason: not reason)
 
     @property
     def measured(self) -> CandidateFigures:
@@ -136,54 +136,66 @@ class CandidateEvaluation(BaseModel):
         return self.figures
 
     @property
-    def recipe(self) -> HardRecipe:
-        """The recipe of the scenario of a candidate that was not rejected, with time limits."""
-        limits = compute_time_limits(self.measured.reference_ticks)
+    def merit(self) -> float:
+        """How much is gained by breeding from it: what the agents without messages lose, most where it is certified.
+
+        0 for one that was rejected.
+        """
+        if self.figures is None:
+            return 0.0
+        found = self.figures
+        return FULL_SCORE - found.unaided_score + FULL_SCORE * (found.need.holds + found.need.excludes_all)
+
+    def make_recipe(self, place: HardPlace) -> HardRecipe:
+        """Return the recipe of the scenario of a candidate that was not rejected, with time limits."""
         return HardRecipe(
             generator=HARD_GENERATOR,
             id=self.id,
             family=self.family,
+            place=place.about,
             values=self.values,
             seed=self.seed,
-            time_limits_s=limits,
+            limit_factor=self.measured.limit_factor,
+            time_limits_s=compute_time_limits(self.measured.reference_ticks, self.measured.limit_factor),
         )
 
 
 def evaluate_candidate(task: CandidateTask) -> CandidateEvaluation:
     """Return the figures of a candidate, or why it was rejected."""
-    candidate = task.candidate
-    blank = CandidateEvaluation(
-        id=candidate.scenario_id, family=task.family.category, values=candidate.values, seed=candidate.seed
-    )
     try:
-        return blank.model_copy(update={"figures": _measure_candidate(task)})
+        return _make_blank(task).model_copy(update={"figures": _measure_candidate(task)})
     except CandidateRejected as rejected:
-        return blank.model_copy(update={"stage": rejected.stage, "reason": rejected.reason})
+        return _reject(task, rejected.stage, rejected.reason)
 
 
 def make_failed_evaluation(task: CandidateTask, reason: str) -> CandidateEvaluation:
     """Return the evaluation of a candidate whose worker process gave no result."""
+    return _reject(task, RejectionStage.FAILURE, reason)
+
+
+def _make_blank(task: CandidateTask) -> CandidateEvaluation:
     candidate = task.candidate
     return CandidateEvaluation(
         id=candidate.scenario_id,
         family=task.family.category,
+        place=candidate.place,
         values=candidate.values,
         seed=candidate.seed,
-        stage=RejectionStage.FAILURE,
-        reason=reason,
     )
 
 
+def _reject(task: CandidateTask, stage: RejectionStage, reason: str) -> CandidateEvaluation:
+    return _make_blank(task).model_copy(update={"stage": stage, "reason": reason[:REASON_CHARACTERS]})
+
+
 def _measure_candidate(task: CandidateTask) -> CandidateFigures:
+    roads = task.place.load_roads()
     try:
-        scenario = build_candidate(task.family, task.candidate)
+        scenario = build_candidate(task.family, task.candidate, roads)
     except ProposalRejected as refused:
         raise CandidateRejected(RejectionStage.BUILD, f"{refused.stage}: {refused.reason}") from None
     except InputError as error:
         raise CandidateRejected(RejectionStage.BUILD, str(error)) from None
-    if (twin := find_duplicate(scenario, _list_known(task.known_suites, scenario.network))) is not None:
-        raise CandidateRejected(RejectionStage.DUPLICATES, f"expected something new, found a duplicate of {twin.id}")
-    roads = load_road_map(find_network_folder(scenario.network))
     _check_length(math.fsum(_compute_free_flow_s(ego, roads) for ego in scenario.egos))
     try:
         return _drive_candidate(scenario, roads)
@@ -193,20 +205,20 @@ def _measure_candidate(task: CandidateTask) -> CandidateFigures:
 
 def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
     solved, ticks = _solve(scenario, roads)
-    final = set_time_limits(scenario, compute_time_limits(ticks))
+    factor = MOST_FACTOR
+    final = set_time_limits(scenario, compute_time_limits(ticks, factor))
     scores = CandidateScores(final, roads, ticks)
-    scores.drive(PROBE_SEEDS[:1])
+    scores.drive(FIRST_PROBES, FIRST_SEED)
     reference_score = _solve_with_all_seeds(solved, final, roads, ticks)
-    scores.drive(PROBE_SEEDS[1:])
-    need = certify_need(final, roads, solved, only_first=True)
+    scores.drive(PROBES, FIRST_SEED)
+    scores.drive(PROBES, PROBE_SEEDS)
+    scores.drive(VARIANTS, FIRST_SEED)
     return CandidateFigures(
         reference_ticks=ticks,
-        scores={name: round(score, 4) for name, score in {**scores.means, REFERENCE_AGENT: reference_score}.items()},
-        network=scenario.network,
-        road_users=_count_road_users(scenario),
-        mean_speed=_compute_mean_speed(scenario, ticks),
-        message_gain_s=need.lead_s,
-        is_certified=need.holds,
+        limit_factor=factor,
+        scores={name: round(score, 2) for name, score in {**scores.means, REFERENCE_AGENT: reference_score}.items()},
+        controlled_routes=count_met_controls(final, roads),
+        need=certify_need(final, roads, solved),
     )
 
 
@@ -235,23 +247,22 @@ def _check_solved(result: ScenarioResult, seed: int = 0) -> None:
 
 
 def _solve_with_all_seeds(first: EpisodeRecord, scenario: Scenario, roads: RoadMap, ticks: ReferenceTicks) -> float:
-    """Return the mean score of `omniscient` over the seeds of the probes; it must solve all of `HARD_SEEDS`.
+    """Return the mean score of `omniscient` over the seeds of the probes; it must solve all of `REFERENCE_SEEDS`.
 
     first: its drive with seed 0.
     """
     scores: list[float] = []
-    for seed in range(HARD_SEEDS):
+    for seed in REFERENCE_SEEDS:
         varied = vary_scenario(scenario, roads, seed)
         episode = drive_with(REFERENCE_AGENT, scenario, roads, seed) if seed else first
         _check_solved(score_episode(episode, varied, roads, ScoreMode.MDRIVE, seed), seed)
-        if seed in PROBE_SEEDS:
-            scores.append(score_episode(episode, varied, roads, PROBE_MODE, seed, ticks).ds)
+        scores.append(score_episode(episode, varied, roads, PROBE_MODE, seed, ticks).ds)
     return math.fsum(scores) / len(scores)
 
 
 def _check_danger(scenario: Scenario, roads: RoadMap, free_flow_s: Mapping[str, float]) -> None:
     """Reject a scenario in which nothing happens to an agent that drives on blindly."""
-    limited = set_time_limits(scenario, {name: LIMIT_FACTOR * s + LIMIT_EXTRA_S for name, s in free_flow_s.items()})
+    limited = set_time_limits(scenario, {name: MOST_FACTOR * s + LIMIT_EXTRA_S for name, s in free_flow_s.items()})
     episode = drive_with(BLIND_AGENT, limited, roads, options=PROBE_OPTIONS)
     found = score_episode(episode, limited, roads, ScoreMode.MDRIVE, 0).ds
     if found > MOST_BLIND:
@@ -275,24 +286,3 @@ def _check_length(seconds: float) -> None:
 def _compute_free_flow_s(ego: Ego, roads: RoadMap) -> float:
     """Return the time [s] that a route takes at the greatest speed limit on it."""
     return compute_route_length(ego) / max(roads.lanes[lane].speed_limit for lane in ego.lanes)
-
-
-def _count_road_users(scenario: Scenario) -> int:
-    scripted = sum(actor.kind != "static" for actor in scenario.actors)
-    return len(scenario.egos) + len(scenario.background.vehicles) + scripted
-
-
-def _compute_mean_speed(scenario: Scenario, ticks: ReferenceTicks) -> float:
-    length = math.fsum(compute_route_length(ego) for ego in scenario.egos)
-    return round(length / (sum(ticks.values()) * DT), 3)
-
-
-@cache
-def _list_known(suites: tuple[str, ...], network: str) -> tuple[Scenario, ...]:
-    """Return the known scenarios that can be duplicates: those on the same network."""
-    return tuple(scenario for suite in suites for scenario in _load_known(suite) if scenario.network == network)
-
-
-@cache
-def _load_known(suite: str) -> tuple[Scenario, ...]:
-    return load_suite(suite).scenarios

@@ -7,7 +7,6 @@ class RejectionStage(StrEnum):
     """Where a candidate was rejected, in order."""
 
     BUILD = "build"
-    DUPLICATES = "duplicates"
     LENGTH = "length"
     """Many CAVs on long routes: too dear."""
     DANGER = "danger"

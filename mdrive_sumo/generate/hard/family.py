@@ -1,20 +1,25 @@
-"""Scenario families of the hard tier: each builds one kind of situation from a few bounded parameters.
+"""Scenario families of the hard tier: each builds one kind of situation on a drawn place from a few bounded parameters.
 
-A family knows nothing of agents or scores; the search varies its parameters. Equal candidates make equal scenarios.
+A family knows nothing of agents or scores; the search varies its parameters. It finds its site on the map of the place
+by geometry and right of way. Equal candidates on equal places make equal scenarios.
 """
 
+import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected, reject_at
-from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
+from mdrive_sumo.scenario.categories import WEATHER_OF_TEN
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, StandingMotion
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.start_boxes import build_user_box
+from mdrive_sumo.scenario.weather import WeatherName
 from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
 from mdrive_sumo.worlds.placement.occupancy import overlaps_building
 from mdrive_sumo.worlds.streams.lane_flows import TrafficFlow, build_flows
@@ -42,9 +47,11 @@ class FamilyParameter:
 
 @dataclass(frozen=True, slots=True)
 class FamilyCandidate:
-    """One point of a family: everything that `ScenarioFamily.build` depends on."""
+    """One point of a family: everything that `ScenarioFamily.build` depends on besides the road map."""
 
     scenario_id: str
+    place: str
+    """Name of the place's network."""
     values: tuple[float, ...]
     """One for each of the family's parameters, in their order and within their bounds."""
     seed: str
@@ -53,9 +60,8 @@ class FamilyCandidate:
 
 @dataclass(frozen=True, slots=True)
 class FamilyScene:
-    """What a scenario of a family holds."""
+    """What a scenario of a family holds besides its place."""
 
-    roads: RoadMap
     egos: tuple[Ego, ...]
     vehicles: tuple[BackgroundVehicle, ...] = ()
     actors: tuple[Actor, ...] = ()
@@ -71,19 +77,25 @@ class ScenarioFamily:
     category: str
     """`Scenario.category` of its scenarios; unique among families."""
     description: str
+    places: tuple[PlaceChoice, ...]
+    """Kinds of places on which the situation can be staged."""
     parameters: tuple[FamilyParameter, ...]
-    stage: Callable[[Values, str], FamilyScene]
-    """Return the scene of a candidate's values and its seed. Raises `ProposalRejected` or `NoRoomError`."""
+    """One that is named `site`, from 0 to 1, picks among the sites that the place has."""
+    stage: Callable[[Values, str, RoadMap], FamilyScene]
+    """Return the scene of a candidate's values and its seed on a road map.
 
-    def build(self, candidate: FamilyCandidate) -> Scenario:
-        """Return the scenario of a candidate, without time limits.
+    Raises `ProposalRejected` or `NoRoomError`, also where the place has no site.
+    """
+
+    def build(self, candidate: FamilyCandidate, roads: RoadMap) -> Scenario:
+        """Return the scenario of a candidate, without time limits, in a weather that its seed draws.
 
         Raises `ProposalRejected` or `NoRoomError` if it is not sound: fewer than 2 or more than 12 CAVs, off the road,
         or road users inside each other. Raises InputError for values out of bounds.
         """
         check_candidate(self, candidate)
         names = [parameter.name for parameter in self.parameters]
-        scene = self.stage(dict(zip(names, candidate.values, strict=True)), candidate.seed)
+        scene = self.stage(dict(zip(names, candidate.values, strict=True)), candidate.seed, roads)
         if not LEAST_CAVS <= len(scene.egos) <= MOST_CAVS:
             raise ProposalRejected(
                 PipelineStage.SOUNDNESS, f"expected {LEAST_CAVS} to {MOST_CAVS} CAVs, found {len(scene.egos)}"
@@ -92,7 +104,8 @@ class ScenarioFamily:
             id=candidate.scenario_id,
             bucket=BUCKET,
             category=self.category,
-            network=scene.roads.name,
+            network=roads.name,
+            weather=draw_weather(candidate.seed),
             description=self.description,
             signals="program" if scene.signals else "frozen-green",
             speeds="road",
@@ -102,10 +115,16 @@ class ScenarioFamily:
             rsus=scene.rsus,
         )
         with reject_at(PipelineStage.SOUNDNESS):
-            check_scenario(scenario, scene.roads)
-        if problem := next(_find_contacts(scenario, scene.roads), None):
+            check_scenario(scenario, roads)
+        if problem := next(_find_contacts(scenario, roads), None):
             raise ProposalRejected(PipelineStage.SOUNDNESS, f"scenario {scenario.id}: {problem}")
         return scenario
+
+
+def draw_weather(seed: str) -> WeatherName:
+    """Return the weather of a scenario: clear, cloudy, rain or night, as often as in Interaction."""
+    names, shares = tuple(WEATHER_OF_TEN), tuple(WEATHER_OF_TEN.values())
+    return random.Random(f"{seed}/weather").choices(names, shares)[0]
 
 
 def _find_contacts(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
@@ -121,12 +140,7 @@ def stage_flows(
 ) -> FamilyScene:
     """Return a scene with platoons of CAVs, scripted actors, and reactive traffic along lanes."""
     egos = build_platoons(roads, platoons)
-    return FamilyScene(roads, egos, build_flows(roads, flows, seed, (*egos, *actors)), tuple(actors))
-
-
-def load_network(name: str) -> RoadMap:
-    """Return a packaged network."""
-    return load_road_map(find_network_folder(name))
+    return FamilyScene(egos, build_flows(roads, flows, seed, (*egos, *actors)), tuple(actors))
 
 
 def check_candidate(family: ScenarioFamily, candidate: FamilyCandidate) -> None:

@@ -1,6 +1,9 @@
 """Drives of the hard tier with built-in agents, for the search and for validation."""
 
+from types import MappingProxyType
+
 from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.contract.agent_options import Config
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop import EpisodeConfig, run_episode
@@ -12,13 +15,20 @@ from mdrive_sumo.scenario.variation import vary_scenario
 from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.study.occlusion_certificate import REFERENCE_OPTIONS
 
+NO_OPTIONS: Config = MappingProxyType({})
+
 
 def drive_with(
-    agent: str, scenario: Scenario, roads: RoadMap, seed: int = 0, options: EpisodeOptions = REFERENCE_OPTIONS
+    agent: str,
+    scenario: Scenario,
+    roads: RoadMap,
+    seed: int = 0,
+    options: EpisodeOptions = REFERENCE_OPTIONS,
+    agent_config: Config = NO_OPTIONS,
 ) -> EpisodeRecord:
     """Return the episode of a scenario, as the seed draws it, with a built-in agent in every CAV. Raises WorldError."""
     config = EpisodeConfig(vary_scenario(scenario, roads, seed), roads, seed, options=options)
-    drivers = {name: LocalDriver(AGENTS[agent]({})) for name in config.cav_pseudonyms}
+    drivers = {name: LocalDriver(AGENTS[agent](agent_config)) for name in config.cav_pseudonyms}
     with open_world(config) as world:
         return run_episode(config, world, drivers)
 

@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.hard import selection_program
-from mdrive_sumo.generate.hard.selection_program import SelectionProblem, find_cliques, solve_selection
+from mdrive_sumo.generate import selection_program
+from mdrive_sumo.generate.selection_program import (
+    Grouping,
+    SelectionProblem,
+    find_cliques,
+    group_items,
+    solve_selection,
+)
 
 GROUP_PRICE = 100.0
 
@@ -18,16 +24,14 @@ def draw_problem(seed: int, items: int = 9, count: int = 4) -> tuple[SelectionPr
     rng = random.Random(seed)
     pairs = [pair for pair in combinations(range(items), 2) if rng.random() < 0.2]
     rivals = [frozenset(a + b - i for a, b in pairs if i in (a, b)) for i in range(items)]
-    group_of = [rng.randrange(3) for _ in range(items)]
+    kinds = [rng.randrange(3) for _ in range(items)]
+    places = [rng.choice((None, 0, 1, 2, 3)) for _ in range(items)]
     problem = SelectionProblem(
         count=count,
         costs=np.array([rng.uniform(0, 60) for _ in range(items)]),
         excess=np.array([[rng.uniform(-20, 20) for _ in range(items)] for _ in range(2)]),
         prices=np.array([10.0, 3.0]),
-        groups=[[i for i in range(items) if group_of[i] == g] for g in range(3)],
-        least_groups=2,
-        of_each_group=2,
-        most_of_group=3,
+        groupings=(Grouping(group_items(kinds), 2, 2, 3), Grouping(group_items(places), 3, most_of_group=1)),
         cliques=find_cliques(rivals),
     )
     return problem, rivals
@@ -39,9 +43,12 @@ def price(problem: SelectionProblem, chosen: tuple[int, ...]) -> float:
     total = sum(problem.costs[i] for i in chosen) / n
     for row, each in zip(problem.excess, problem.prices, strict=True):
         total += each * max(sum(row[i] for i in chosen) / n, 0.0)
-    sizes = [len(set(group) & set(chosen)) for group in problem.groups]
-    total += GROUP_PRICE * max(problem.least_groups - sum(size >= problem.of_each_group for size in sizes), 0)
-    return total + GROUP_PRICE / n * sum(max(size - problem.most_of_group, 0) for size in sizes)
+    for grouping in problem.groupings:
+        sizes = [len(set(group) & set(chosen)) for group in grouping.groups]
+        enough = sum(size >= grouping.of_each_group for size in sizes)
+        total += GROUP_PRICE * max(grouping.least_groups - enough, 0)
+        total += GROUP_PRICE / n * sum(max(size - grouping.most_of_group, 0) for size in sizes)
+    return total
 
 
 def find_best(problem: SelectionProblem, rivals: list[frozenset[int]]) -> tuple[int, float]:

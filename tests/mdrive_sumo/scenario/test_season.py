@@ -15,7 +15,13 @@ from mdrive_sumo.scenario.packaged_suites import (
     list_seasons,
     name_packaged_suite,
 )
-from mdrive_sumo.scenario.season import SEASON_SUITES, label_suite, read_stored_name, write_stored_name
+from mdrive_sumo.scenario.season import (
+    BENCHMARK_SUITES,
+    SEASON_SUITES,
+    label_suite,
+    read_stored_name,
+    write_stored_name,
+)
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, load_suite_of_one, save_suite
 
 SCENARIO = straight_scenario(straight_ego("0"))
@@ -46,8 +52,8 @@ def test_a_packaged_season_lies_where_its_name_says() -> None:
 
 
 def test_a_bare_name_means_the_newest_season(seasons: Path) -> None:
-    assert [load_suite(name).label for name in SEASON_SUITES] == [f"{name}@2" for name in SEASON_SUITES]
-    assert list(list_packaged_suites()) == sorted(SEASON_SUITES)
+    assert [load_suite(name).label for name in BENCHMARK_SUITES] == [f"{name}@2" for name in BENCHMARK_SUITES]
+    assert list(list_packaged_suites()) == sorted(BENCHMARK_SUITES)
     assert list(list_seasons("mdrive")) == [0, 1, 2]
     assert find_suite_folder("mdrive@1") == seasons / "season_1" / "mdrive"
     assert [suite.split("@")[1] for suite in list_exact_suites()] == [*"222211110000"]

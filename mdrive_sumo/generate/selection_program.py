@@ -5,7 +5,8 @@ cannot be had is missed as little as possible. The search ends by its gap or num
 does not depend on how fast or busy the machine is.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,28 @@ MISSING_GROUP_PRICE = 100.0
 
 
 @dataclass(frozen=True, slots=True)
+class Grouping:
+    """Items in groups, such as categories or places, and how many of each are wanted."""
+
+    groups: Sequence[Sequence[int]]
+    """Items of each group; an item is in one group at most."""
+    least_groups: int
+    """Groups wanted among the chosen; a group counts with `of_each_group` items."""
+    of_each_group: int = 1
+    most_of_group: float = math.inf
+    """Most items of one group."""
+
+
+def group_items(labels: Sequence[Hashable | None]) -> tuple[tuple[int, ...], ...]:
+    """Return the items of each label, in the order in which labels first occur; those labelled None are in no group."""
+    groups: dict[Hashable, list[int]] = {}
+    for i, label in enumerate(labels):
+        if label is not None:
+            groups.setdefault(label, []).append(i)
+    return tuple(map(tuple, groups.values()))
+
+
+@dataclass(frozen=True, slots=True)
 class SelectionProblem:
     """What to choose from. N is `count`."""
 
@@ -34,13 +57,7 @@ class SelectionProblem:
     """(A, I) How much each item contributes to missing each aim: it is met if the sum over the chosen is at most 0."""
     prices: NDArray[np.float64]
     """(A,) Price of missing an aim by 1 on average over N items."""
-    groups: Sequence[Sequence[int]]
-    """Items of each group; no item is in two."""
-    least_groups: int
-    """Groups wanted among the chosen; a group counts with `of_each_group` items."""
-    of_each_group: int
-    most_of_group: int
-    """Most items of one group."""
+    groupings: Sequence[Grouping]
     cliques: Sequence[Sequence[int]]
     """Of each of these at most one is chosen."""
 
@@ -69,23 +86,26 @@ def solve_selection(problem: SelectionProblem) -> tuple[int, ...]:
 
 
 class _Columns:
-    """First column of each kind of variable: items, groups that count, what is missed of items, groups and aims, and
-    items too many in a group."""
+    """First column of each kind of variable: items, groups that count, what is missed of items, of groups by grouping
+    and of aims, and items too many in a group."""
 
     def __init__(self, problem: SelectionProblem) -> None:
+        sizes = [len(one.groups) for one in problem.groupings]
         self.groups = len(problem.costs)
-        self.missing_items = self.groups + len(problem.groups)
+        self.missing_items = self.groups + sum(sizes)
         self.missing_groups = self.missing_items + 1
-        self.missed_aims = self.missing_groups + 1
+        self.missed_aims = self.missing_groups + len(sizes)
         self.crowded = self.missed_aims + len(problem.prices)
-        self.width = self.crowded + len(problem.groups)
+        self.width = self.crowded + sum(sizes)
+        self.offsets = [sum(sizes[:k]) for k in range(len(sizes))]
+        """Of the first group of each grouping among all groups."""
 
 
 def _build_prices(problem: SelectionProblem, columns: _Columns) -> NDArray[np.float64]:
     prices = np.zeros(columns.width)
     prices[: columns.groups] = problem.costs / problem.count
     prices[columns.missing_items] = _compute_item_price(problem)
-    prices[columns.missing_groups] = MISSING_GROUP_PRICE
+    prices[columns.missing_groups : columns.missed_aims] = MISSING_GROUP_PRICE
     prices[columns.missed_aims : columns.crowded] = problem.prices
     prices[columns.crowded :] = MISSING_GROUP_PRICE / problem.count
     return prices
@@ -113,16 +133,18 @@ def _build_rows(
     row = add(problem.count, problem.count)
     row[: columns.groups] = 1.0
     row[columns.missing_items] = 1.0
-    row = add(problem.least_groups, np.inf)
-    row[columns.groups : columns.missing_items] = 1.0
-    row[columns.missing_groups] = 1.0
-    for g, group in enumerate(problem.groups):
-        row = add(-np.inf, 0.0)
-        row[columns.groups + g] = problem.of_each_group
-        row[list(group)] = -1.0
-        row = add(-np.inf, problem.most_of_group)
-        row[list(group)] = 1.0
-        row[columns.crowded + g] = -1.0
+    for k, grouping in enumerate(problem.groupings):
+        first = columns.groups + columns.offsets[k]
+        row = add(grouping.least_groups, np.inf)
+        row[first : first + len(grouping.groups)] = 1.0
+        row[columns.missing_groups + k] = 1.0
+        for g, group in enumerate(grouping.groups, start=columns.offsets[k]):
+            row = add(-np.inf, 0.0)
+            row[columns.groups + g] = grouping.of_each_group
+            row[list(group)] = -1.0
+            row = add(-np.inf, grouping.most_of_group)
+            row[list(group)] = 1.0
+            row[columns.crowded + g] = -1.0
     for k, excess in enumerate(problem.excess):
         row = add(-np.inf, 0.0)
         row[: columns.groups] = excess / problem.count

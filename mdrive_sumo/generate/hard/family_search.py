@@ -1,0 +1,129 @@
+"""The search in one family: points of its parameters on the places of a season's pool, later ones bred from the best.
+
+The first candidates are a Latin hypercube, spread round robin over the places. Later ones are children of candidates
+that passed, or came far, on the same place: a point moved by the iso+line operator (Vassiliades and Mouret 2018). The
+next child stands where fewest have passed, because a suite takes few scenarios of one place. Candidates are proposed
+and recorded in whole batches, so neither the order in which they are evaluated nor the number of workers changes
+anything.
+"""
+
+import random
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation
+from mdrive_sumo.generate.hard.candidate_rejection import RejectionStage
+from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
+from mdrive_sumo.generate.hard.hard_places import HardPlace
+from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR
+from mdrive_sumo.generate.seasons.season_seed import SeasonSeed
+
+BATCH = 8
+"""Candidates proposed at once: a smaller batch learns earlier, a larger one keeps more workers busy."""
+FIRST_CANDIDATES = 24
+"""Of the Latin hypercube."""
+FRESH_SHARE = 0.25
+"""Of later candidates that are drawn and not bred, so that a place without parents is tried again."""
+PARENTS = 4
+"""Best candidates of a place that have children."""
+ISO_SIGMA, LINE_SIGMA = 0.05, 0.2
+"""Standard deviations of the iso+line operator in units of a parameter's range: 0.01 and 0.2 in the source, for
+millions of evaluations; a hundred need longer steps."""
+GIVE_UP = 48
+"""Candidates after which a family ends of which none has been solved and dangerous: it costs drives and gives
+nothing."""
+SIGNIFICANT_DIGITS = 4
+"""Of values: recipes are read by people, and the last bits of a computation do not reach them."""
+PARENT_STAGES = (RejectionStage.UNAIDED, RejectionStage.GAP)
+"""Rejections after which a candidate may have children: it holds a danger that `omniscient` solves."""
+
+Point = tuple[float, ...]
+"""One share of its range, in [0, 1], for each parameter."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Parent:
+    point: Point
+    merit: float
+
+
+class FamilySearch:
+    """Candidates of one family and what came of them."""
+
+    def __init__(self, family: ScenarioFamily, places: Sequence[HardPlace], seed: SeasonSeed) -> None:
+        self.family = family
+        self.places = {place.name: place for place in places}
+        self._seed = seed
+        self._names = tuple(self.places)
+        self.evaluations: list[CandidateEvaluation] = []
+        """All recorded candidates, in the order in which they were proposed."""
+        self._parents: dict[str, list[_Parent]] = {}
+        self._passed: Counter[str] = Counter()
+        rng = random.Random(self._derive("first"))
+        self._first = _draw_latin_hypercube(len(family.parameters), FIRST_CANDIDATES, rng)
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether nothing can be expected of more candidates."""
+        return not self._names or (len(self.evaluations) >= GIVE_UP and not self._parents)
+
+    def propose_batch(self) -> tuple[FamilyCandidate, ...]:
+        """Return the next candidates; all of them must be recorded before the next batch."""
+        begin = len(self.evaluations)
+        waiting = Counter[str]()
+        return tuple(self._propose(begin + i, waiting) for i in range(BATCH))
+
+    def _propose(self, number: int, waiting: Counter[str]) -> FamilyCandidate:
+        """Return a candidate. waiting: children of this batch by place; one is added for a child."""
+        place = self._names[number % len(self._names)]
+        rng = random.Random(self._derive("point", number))
+        if number < len(self._first):
+            return self._make_candidate(number, place, self._first[number])
+        if not self._parents or rng.random() < FRESH_SHARE:
+            return self._make_candidate(number, place, tuple(rng.random() for _ in self.family.parameters))
+        place = min(self._parents, key=lambda name: (self._passed[name] + waiting[name], self._names.index(name)))
+        waiting[place] += 1
+        return self._make_candidate(number, place, self._breed(place, rng))
+
+    def record_batch(self, evaluations: Sequence[CandidateEvaluation]) -> None:
+        """Record the evaluations of the last batch, in its order."""
+        for one in evaluations:
+            self.evaluations.append(one)
+            self._passed[one.place] += one.figures is not None
+            if one.figures is not None or one.stage in PARENT_STAGES:
+                parents = self._parents.setdefault(one.place, [])
+                parents.append(_Parent(self._to_point(one.values), one.merit))
+                parents.sort(key=lambda parent: -parent.merit)  # stable: the older one of equals comes first
+                del parents[PARENTS:]
+
+    def _breed(self, place: str, rng: random.Random) -> Point:
+        """Return a point near a parent on the place, moved along the line to another parent of the family."""
+        parent = rng.choice(self._parents[place]).point
+        other = rng.choice([one for parents in self._parents.values() for one in parents]).point
+        along = rng.gauss(0.0, LINE_SIGMA)
+        moved = (a + rng.gauss(0.0, ISO_SIGMA) + along * (b - a) for a, b in zip(parent, other, strict=True))
+        return tuple(min(max(share, 0.0), 1.0) for share in moved)
+
+    def _make_candidate(self, number: int, place: str, point: Point) -> FamilyCandidate:
+        seed = self._derive("candidate", number)
+        values = tuple(
+            min(max(float(f"{p.low + share * (p.high - p.low):.{SIGNIFICANT_DIGITS}g}"), p.low), p.high)
+            for p, share in zip(self.family.parameters, point, strict=True)
+        )
+        return FamilyCandidate(f"{self.family.category}_{seed[:8]}", place, values, seed)
+
+    def _derive(self, *purpose: object) -> str:
+        return self._seed.derive("hard", HARD_GENERATOR, self.family.category, *purpose)
+
+    def _to_point(self, values: Sequence[float]) -> Point:
+        return tuple(
+            (value - p.low) / (p.high - p.low) if p.high > p.low else 0.0
+            for p, value in zip(self.family.parameters, values, strict=True)
+        )
+
+
+def _draw_latin_hypercube(dimensions: int, count: int, rng: random.Random) -> list[Point]:
+    """Return points in the unit cube: along each dimension one in each of `count` equal intervals."""
+    columns = [rng.sample(range(count), count) for _ in range(dimensions)]
+    return [tuple((column[i] + rng.random()) / count for column in columns) for i in range(count)]
