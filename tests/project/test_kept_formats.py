@@ -73,7 +73,7 @@ READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
     "place/1": (lambda: read_place(KEPT).name, "train_tee"),
     "quality/1": (lambda: load_quality(KEPT / "suite/small/quality.json").by_sumo, 2),
     "recipe/1": (lambda: load_recipe(KEPT / "recipe.json").id, "construction_03"),
-    "hard-recipe/1": (lambda: load_hard_recipe(KEPT / "hard_recipe.json").family, "emergency-vehicle"),
+    "hard-recipe/2": (lambda: load_hard_recipe(KEPT / "hard_recipe.json").place.kind, "crossing"),
     "reference-times/1": (lambda: len(read_reference_times(KEPT).scenarios), 1),  # pyright: ignore[reportOptionalMemberAccess]
     "need/1": (lambda: len(read_need(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
     "human-study/1": (lambda: HumanStudyFolder.open_existing(KEPT / "human_study").drivers, "persons"),
@@ -87,7 +87,8 @@ NOT_KEPT = {
         ("ablation/1", "study/1", "paper/1", "gain/1", "cross-play/1", "penetration/1", "seasons/1"), "written only"
     ),
     **dict.fromkeys(("networks/1", "conversion/1"), "written only"),
-    **dict.fromkeys(("hard-search/2", "hard-archive/3", "paper-plan/1"), "goes on with the version that began"),
+    **dict.fromkeys(("hard-search/3", "paper-plan/1"), "goes on with the version that began"),
+    "hard-recipe/1": "its families are gone: rebuilding hard@0 says so",
     "contract/3": "no file: what crosses the border to an agent",
 }
 """Formats without an example, and why."""
