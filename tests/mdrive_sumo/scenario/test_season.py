@@ -100,7 +100,8 @@ def test_unknown_names_get_one_sentence(seasons: Path, name: str, sentence: str)
     assert sentence in str(refused.value)
 
 
-def test_a_suite_without_seasons_has_none() -> None:
+def test_a_suite_without_seasons_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(packaged_suites, "SEASON_SUITES", BENCHMARK_SUITES)
     with pytest.raises(InputError, match=r"suite 'hard@0': expected 'hard', which has no seasons, found one after @"):
         load_suite("hard@0")
     assert (load_suite("hard").label, load_suite("hard").season) == ("hard", None)
