@@ -36,6 +36,7 @@ from mdrive_sumo.generate.hard.reference_drive import drive_with
 from mdrive_sumo.generate.hard.time_limits import (
     LIMIT_EXTRA_S,
     MOST_FACTOR,
+    choose_limit_factor,
     compute_time_limits,
     set_time_limits,
 )
@@ -48,6 +49,7 @@ from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.statistics import compute_route_length
 from mdrive_sumo.scenario.variation import vary_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, find_arrival_ticks, score_episode
+from mdrive_sumo.study.need.cautious_arrival import find_cautious_arrival
 from mdrive_sumo.study.need_certificate import NeedCertificate, certify_need
 
 BLIND_AGENT = "constant-speed"
@@ -205,11 +207,12 @@ def _measure_candidate(task: CandidateTask) -> CandidateFigures:
 
 def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
     solved, ticks = _solve(scenario, roads)
-    factor = MOST_FACTOR
+    lenient = set_time_limits(scenario, compute_time_limits(ticks))
+    CandidateScores(lenient, roads, ticks).drive(FIRST_PROBES, FIRST_SEED)
+    factor = choose_limit_factor(ticks, find_cautious_arrival(lenient, roads, solved))
     final = set_time_limits(scenario, compute_time_limits(ticks, factor))
-    scores = CandidateScores(final, roads, ticks)
-    scores.drive(FIRST_PROBES, FIRST_SEED)
     reference_score = _solve_with_all_seeds(solved, final, roads, ticks)
+    scores = CandidateScores(final, roads, ticks)
     scores.drive(PROBES, FIRST_SEED)
     scores.drive(PROBES, PROBE_SEEDS)
     scores.drive(VARIANTS, FIRST_SEED)

@@ -25,15 +25,16 @@ def compute_time_limits(reference: ReferenceTicks, factor: float = MOST_FACTOR) 
     return {name: compute_time_limit_s(ticks, factor) for name, ticks in reference.items()}
 
 
-def choose_limit_factor(reference: ReferenceTicks, cautious_s: Mapping[str, float]) -> float:
+def choose_limit_factor(reference: ReferenceTicks, cautious_s: Mapping[str, float | None]) -> float:
     """Return the greatest factor with which some CAV cannot be both safe and in time; else `MOST_FACTOR`.
 
     cautious_s: least arrival time [s], by CAV id, of a driver without messages that is safe against all that may be
-    hidden; infinite if there is none. A CAV that is not named has no such time.
+    hidden; None: no such driver ever arrives.
     """
     steps = round((MOST_FACTOR - LEAST_FACTOR) / FACTOR_STEP)
     for factor in (round(MOST_FACTOR - FACTOR_STEP * k, 2) for k in range(steps + 1)):
-        if any(compute_time_limit_s(ticks, factor) < cautious_s.get(name, 0.0) for name, ticks in reference.items()):
+        limits = compute_time_limits(reference, factor)
+        if any(cautious is None or cautious > limits[name] for name, cautious in cautious_s.items()):
             return factor
     return MOST_FACTOR
 
