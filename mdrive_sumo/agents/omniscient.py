@@ -44,6 +44,7 @@ from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrian
 from mdrive_sumo.planning.planning_order import find_planning_order
 from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import (
+    SPACING_M,
     PathState,
     ReferencePath,
     RouteSpeeds,
@@ -146,7 +147,7 @@ class OmniscientAgent:
             self._plan_jointly(known)
             self._review_tick = self._begin_tick + self._rank
         self._s = self._path.project(seen.own.x, seen.own.y, self._s)
-        self._red_s = math.inf if self._road is None else find_red_light(self._lights, self._s, seen)
+        self._red_s = find_red_light(self._lights, self._s, seen)
         self._signs = [line for line in self._signs if not self._is_sign_obeyed(line, seen.own.speed)]
         if seen.tick >= self._review_tick:
             self._review_tick = self._find_next_review(self._review_tick, seen.tick)
@@ -242,8 +243,9 @@ class OmniscientAgent:
             return not (met & ~np.logical_and.accumulate(met)).any()
         count = int(parameters.review_s / parameters.interval_s)
         times = np.arange(1, count + 1, dtype=np.float64) * parameters.interval_s
-        cells = find_cells(self._path, profile.get_stations(age_s + times))
-        met = np.diagonal(self._find_blocked(known, cells, times, MARGINS.check))
+        stations = profile.get_stations(age_s + times)
+        blocked = self._find_blocked(known, find_cells(self._path, stations), times, MARGINS.check)
+        met = np.diagonal(blocked) | (stations > self._red_s)
         return not (met & ~np.logical_and.accumulate(met)).any()  # a margin violated from the start was intended
 
     def _find_blocked(self, known: Privileged, cells: Int, times: Float, margin: SafetyMargin) -> Bool:
@@ -260,6 +262,7 @@ class OmniscientAgent:
             if other in self._earlier or (other != briefing.ego_id and respects_all):
                 stations = predict_stations(self._fleet.path_by_ego[other], state, plan, times, briefing.tick_s)
                 blocked |= self._fleet.find_blocked_cells(briefing.ego_id, cells, other, stations, margin)
+        blocked[:, cells * SPACING_M > self._red_s] = True
         return blocked
 
     def _is_settled(self, tick: int) -> bool:

@@ -17,12 +17,15 @@ from mdrive_sumo.roads import Lane, RoadMap
 TurnDirection = Literal["straight", "left", "right", "u_turn"]
 LaneChangeSide = Literal["left", "right", ""]
 STRAIGHT_RAD = math.radians(35)
+"""[rad] Smaller changes of heading are ways straight on; chosen."""
 U_TURN_RAD = math.radians(145)
+"""[rad] Larger changes of heading are U-turns; chosen."""
 MAX_LANES = 40
 """Longer routes go in circles (roundabouts)."""
 MOST_STEPS = 200_000
 """The search takes up to 3 600 steps on packaged networks and drawn places; this many take some seconds."""
 OPPOSITE_RAD = math.radians(135)
+"""[rad] Roads whose headings differ by more are opposite each other: nearer to it than to a crossing road (90 deg)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,13 +25,14 @@ from mdrive_sumo.runs.journal import Journal
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 
 LIMIT_S: Final = 300.0
-"""[s] Wall clock for one candidate; one that takes longer counts as rejected."""
-MAX_TRIES: Final = 40
-"""Candidates per scenario of a pool before a group is given up."""
+"""[s] Wall clock for one candidate, a hundred times what most take; one that takes longer counts as rejected."""
+MAX_TRIES: Final = 100
+"""Candidates per scenario of a pool before a group is given up: in the rarest groups one in 15 is accepted (season
+4: cut-ins at signals, whose routes often end before the lights)."""
 LEAST_RATE: Final = 0.05
-"""Share of accepted candidates that is expected at least, for the size of a round."""
+"""Share of accepted candidates that is expected at least, for the size of a round: about that of the rarest groups."""
 SURPLUS: Final = 1.15
-"""Candidates of a round per candidate that is expected to be needed."""
+"""Candidates of a round per candidate that is expected to be needed: few pools then need a third round."""
 
 
 class SeasonProgress(Protocol):

@@ -40,7 +40,9 @@ WALKING_MPS: Mapping[str, float] = {
     "unknown": 1.5,
     "stopped": 0.0,
 }
+"""[m/s] By the words of a proposal; chosen around the walking speed of 1.34 m/s (Weidmann 1993): `fast` is running."""
 CYCLING_MPS = 3.0
+"""[m/s] Of cyclists who cross from a kerb, where they set off from rest; chosen."""
 CROSSING_REACH_M = 18.0
 """[m] A proposed actor uses a zebra crossing within this distance."""
 WAITING_M = 1.5

@@ -56,14 +56,17 @@ HIDES_M = 0.6
 HALF_CAR_S = 0.35
 """[s] Time in which a CAV covers half its length."""
 LEAD_M = 11.0
+"""[m] From a CAV's start to that of a car ahead of it; chosen."""
 CORNER_M = 7.0
 """[m] Distance ahead of a CAV's start of the van that hides traffic from the right."""
 BESIDE_M = 1.5
 """[m] Least distance of a parked van from the centre line of any CAV's route."""
 SHIFTS_M = np.array((0.0, -3.0, 3.0, -6.0, 6.0, -9.0))
+"""[m] Offsets of a van from its nominal station that are tried, in this order."""
 HIDING_M = np.arange(3.75, 7.5, 0.25)
 """[m] Candidate positions of a van: offsets from its nominal station, and distances before the actor that it hides."""
 HOLD_S = 3.0
+"""[s] A car that brakes hard then stands; chosen."""
 PULL_OUT_M = 8.0
 """[m] Length of the path from a parking place to the lane."""
 

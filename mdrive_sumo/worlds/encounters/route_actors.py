@@ -42,6 +42,7 @@ DRIVE_MPS: Mapping[str, float] = {
     "unknown": 8.0,
     "stopped": 0.0,
 }
+"""[m/s] By the words of a proposal; `normal` is the desired speed of CAVs (protocol 14.2), the others are chosen."""
 WALKER = BODIES["adult"]._replace(length=0.6, width=0.6)
 """Body of people in proposals: the packaged scenarios have it."""
 MOVING_BODIES: Mapping[str, Body] = {"walker": WALKER, "cyclist": BODIES["bicycle"], "npc_vehicle": BODIES["car"]}

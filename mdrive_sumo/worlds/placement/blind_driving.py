@@ -15,6 +15,7 @@ from mdrive_sumo.worlds.placement.lane_chains import RouteLine
 BLIND_SPEED, BLIND_ACCELERATION = 8.0, 2.5
 """[m/s], [m/s2] Parameters of `constant-speed` (protocol 14.2)."""
 STEP_M = 0.5
+"""[m] Step of the stations at which arrival times are tabulated: 0.06 s at 8 m/s."""
 
 
 def blind_travel_time(distance: float) -> float:

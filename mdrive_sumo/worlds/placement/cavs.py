@@ -22,6 +22,7 @@ from mdrive_sumo.worlds.placement.lane_chains import (
 )
 
 LEAST_ROUTE_M = 10.0
+"""[m] A route is twice a car's length or more; chosen."""
 LEAST_GAP_M = 3.0
 """[m] Least distance between two CAVs of a platoon."""
 

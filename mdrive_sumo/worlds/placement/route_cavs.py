@@ -33,9 +33,11 @@ RUN_UP_M = (8.0, 60.0)
 AT_JUNCTION_SHARE = 0.7
 """Share of single CAVs that start before a junction, if their route has one; the others start anywhere."""
 LEAST_ROUTE_M = 35.0
+"""[m] A junction and some run-up; chosen."""
 MEET_M = (20.0, 60.0)
 """[m] From start to meeting point of CAVs that come towards each other on a road without a junction."""
 BESIDE_M = (-9.0, 9.0)
+"""[m] How far a CAV starts behind (-) or ahead of one in the next lane: two car lengths; chosen."""
 MOVING_SHARE, START_MPS = 0.35, (2.0, 8.0)
 """Share of CAVs that start with a speed [m/s], as those of logs do, if nothing is near ahead."""
 CLEAR_AHEAD_M, CLEAR_WIDTH_M = 24.0, 5.0

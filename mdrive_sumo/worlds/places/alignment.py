@@ -21,6 +21,7 @@ SUPERELEVATION = 0.06
 URBAN_CROSSFALL = -0.02
 """Streets below 60 km/h have a normal crown: half of the carriageway falls away from the bend (there, 3.3.6)."""
 URBAN_KMH = 50
+"""[km/h] Up to this limit a road is a street with a normal crown."""
 STEP_M = 6.0
 """[m] Distance of points on an arc at most; the chord of a bend of 80 m then lies 6 cm beside it."""
 LEAST_STEP_M = 0.5

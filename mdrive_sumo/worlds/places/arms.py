@@ -18,6 +18,7 @@ TURN_LANE_M = 40.0
 TAPER_M = 30.0
 """[m] Over which lanes move aside for a left-turn lane; RASt 06 has 20 to 30 m at 50 km/h."""
 TAPER_STEP_M = 5.0
+"""[m] Distance of points on a taper: steps of half a metre aside at 30 m of taper."""
 THROUGH_RAD = math.radians(40.0)
 """Smaller changes of heading are ways straight on."""
 

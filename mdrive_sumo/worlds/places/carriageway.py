@@ -33,6 +33,7 @@ MEDIAN_M = 4.0
 RAMP_LANE_M = 4.5
 """[m] Lane of a ramp with one lane (RAA 2008, section 6.4.3: cross-section Q 1)."""
 MOTORWAY_PRIORITY, RAMP_PRIORITY = 9, 3
+"""Priorities of edges for netconvert, of which only the order counts: the carriageway goes first."""
 TAPER_M = 60.0
 """[m] Length of the wedge at the end of a lane (RAA 2008, section 6.4.4: 60 m)."""
 PARALLEL_M = (80.0, 120.0)

@@ -46,6 +46,7 @@ END_M = (60.0, 90.0)
 STOP_BEHIND_M = 28.0
 """[m] From the centre of a junction to that of the bus stop behind it; chosen."""
 SHELTER_M = (4.0, 1.5)
+"""[m] Length and depth of a shelter; chosen."""
 
 
 @dataclass(frozen=True)

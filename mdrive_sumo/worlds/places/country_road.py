@@ -28,6 +28,7 @@ FARMS = HouseRows((8.0, 40.0), (60.0, 160.0), (12.0, 30.0), (10.0, 18.0), 0.6)
 TRACK_LANE_M = 2.25
 """[m] Half of a farm track (RLW 2016: 4.50 m and more where two vehicles pass)."""
 TRACK_KMH = 30.0
+"""[km/h] What a farm track is driven at; chosen."""
 END_M = (110.0, 160.0)
 """[m] Range of the road before its first and after its last track; chosen: 5 s to 6 s of driving."""
 BARN_M = ((15.0, 28.0), (10.0, 16.0))

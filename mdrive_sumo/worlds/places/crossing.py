@@ -19,13 +19,15 @@ from mdrive_sumo.worlds.places.network_draft import NetworkDraft, Node
 from mdrive_sumo.worlds.places.place import PlaceKind
 from mdrive_sumo.worlds.places.place_parameters import Drawn, between, choose
 from mdrive_sumo.worlds.places.street_lines import draw_arm, trace_line
+from mdrive_sumo.worlds.places.street_parking import CYCLE_M
 from mdrive_sumo.worlds.places.surroundings import SURROUNDINGS
 
 ANGLES_DEG = {3: (0.0, 90.0, 180.0), 4: (0.0, 90.0, 180.0, 270.0), 5: (0.0, 68.0, 140.0, 212.0, 286.0)}
 """Directions of the arms before they are turned; the first and the third are the main street."""
 MAIN = (0, 2)
-CYCLE_M, PARKING_M = 1.85, 2.0
-"""[m] Widths of a cycle lane with its line (ERA 2010) and of a parking lane (RASt 06)."""
+"""Indices of the arms of the main street."""
+PARKING_M = 2.0
+"""[m] Width of a parking lane (RASt 06, table 22: 2.00 m to 2.30 m)."""
 SHARP_M = 14.0
 """[m] A corner that is sharper than a right angle gets so much more radius for each radian (found by `check_place`)."""
 JITTER_DEG = 6.0

@@ -36,11 +36,13 @@ CORNER_M = 8.5
 FIRST_STALL_M = 10.0
 """[m] From the middle of a distributor road to the first stall of an aisle."""
 STORE_DEPTH_M = 22.0
+"""[m] Depth of the store beside a car park; chosen."""
 GATE_M = 34.0
 """[m] From the middle of the street to the car park: room for two cars that wait, behind the pavement."""
 DRIVEWAY_M = 20.0
 """[m] From the middle of the street to the yard at the end of a driveway."""
 YARD_M = 8.0
+"""[m] Length of the yard at the end of a driveway: room for a car and a door; chosen."""
 GATE_RADIUS_M, DRIVEWAY_RADIUS_M, LOT_RADIUS_M = 6.5, 5.5, 6.5
 """[m] Of corners at the kerb, outside of pavements; lanes turn 3 to 4 m farther out."""
 STREET_M = (75.0, 95.0)

@@ -24,13 +24,17 @@ RURAL_SIGHT_M = 200.0
 SIGHT_MARGIN_M = 2.0
 """[m] Beside the lines of sight to the axis: half of a lane, since vehicles do not drive on the axis."""
 LEAST_HOUSE_M = 5.0
+"""[m] A house that would have a shorter front is not built; chosen."""
 NEXT_TRY_M = 4.0
 """[m] How much further along a row the next house is tried where one does not fit; chosen."""
 LEAST_AREA_M2 = 0.05
+"""[m2] Overlaps that are smaller come from rounded coordinates."""
 CLEARANCE_M = 0.3
+"""[m] Between things at the roadside, so that outlines do not touch; chosen."""
 VERGE_M = (1.5, 3.0)
 """[m] Range between the edge of a road in the country and a hedge (RAL 2012: 1.50 m of verge)."""
 HEDGE_M = 1.5
+"""[m] Width of a hedge in the country; chosen."""
 HEDGED_M = (40.0, 130.0)
 """[m] Range of the length of a hedge along a road; chosen."""
 

@@ -15,6 +15,7 @@ from mdrive_sumo.worlds.places.street_lines import draw_arm, trace_line
 FLARE_M = 24.0
 """[m] From the ring to where the lanes of an arm part around its splitter island."""
 ARM_STEP_M = 6.0
+"""[m] Distance of points on the part of an arm that parts around the island."""
 COMPASS = ("east", "north", "west", "south")
 
 

@@ -25,6 +25,7 @@ from mdrive_sumo.worlds.places.place_parameters import between, choose
 BEFORE_M = (170.0, 240.0)
 """[m] Range of the carriageway before the place where lanes change; chosen: 5 s to 9 s of driving."""
 BEHIND_M = (130.0, 190.0)
+"""[m] Range of the carriageway behind that place; chosen: routes end there."""
 
 
 @dataclass(frozen=True)

@@ -38,16 +38,19 @@ HOUSES = {
 PARKING_M = 2.0
 """[m] Width of a parking lane (RASt 06, table 22)."""
 END_M = (60.0, 85.0)
+"""[m] Range of the street before its first and after its last junction; chosen: cars reach the limit in it."""
 PLOT_M = (15.0, 26.0)
 """[m] Range of the distance of two driveways on the same side; chosen: widths of plots."""
 DRIVEWAY_LANE_M = 2.5
 """[m] Half of a driveway to a double garage or a yard."""
 DRIVEWAY_KMH = 10.0
+"""[km/h] Walking speed to 10 km/h, as on car parks."""
 JOINT_GAP_M = 34.0
 """[m] Least distance of a driveway from the next junction or driveway that is connected."""
 STALL_M = (2.8, 5.5)
 """[m] Width and length of a stall in a front garden (EAR 2005: 2.50 m by 5.00 m, and room to open doors)."""
 HEDGE_M = 0.7
+"""[m] Width of a garden hedge; chosen (0.5 m to 1 m)."""
 
 
 @dataclass(frozen=True)

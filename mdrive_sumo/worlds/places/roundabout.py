@@ -28,6 +28,7 @@ SIGHT_M = 9.0
 ISLAND_M = 3.0
 """[m] Between the lanes of the ring and what is planted on its island: an apron of 2 m and a margin (chosen)."""
 ARM_M = (85.0, 115.0)
+"""[m] Range of the length of arms; chosen."""
 BEND_M = (70.0, 200.0)
 """[m] Range of radii of arms with a bend."""
 

@@ -14,6 +14,7 @@ from mdrive_sumo.core.geometry import Float
 Piece = tuple[float, float]
 """Length [m] and signed radius [m] of an arc: positive turns left, 0 is straight."""
 ARC_STEP_M = 4.0
+"""[m] Distance of points on an arc at most: the chord of a bend of 70 m then lies 3 cm beside it."""
 
 
 def trace_line(start: tuple[float, float], heading: float, pieces: Sequence[Piece]) -> Float:

@@ -18,6 +18,7 @@ STALL_M = 5.7
 ISLAND_M = 2.5
 """[m] A planted island between two bays; chosen for a tree with its disc."""
 LEAST_ROW_M = 6.0
+"""[m] Shorter rows have no room for a stall."""
 CORNER_M = 5.0
 """[m] No vehicle parks nearer than that to the edge of a street that joins (StVO section 12(3) no. 1)."""
 DRIVEWAY = "driveway"

@@ -23,6 +23,7 @@ from mdrive_sumo.worlds.places.network_draft import NetworkDraft, Node
 FORWARD, BACKWARD = "forward", "backward"
 ARM_PRIORITY = 2
 MAIN_PRIORITY = 6
+"""Priorities of edges for netconvert, of which only the order counts: the main street goes first."""
 ALL_RED_S = 2
 """[s] Red for all after amber, in which waiting vehicles leave the junction (RiLSA 2015, section 2.7: 1 s to 3 s)."""
 

@@ -37,6 +37,7 @@ class Surroundings:
 HEDGE = HouseRows((0.5, 0.5), (3.5, 12.0), (6.0, 18.0), (0.8, 0.8), 0.6)
 """Along the pavement, with gaps for driveways of 3.5 m or more; share and lengths chosen."""
 WALL = HouseRows((0.5, 0.5), (4.0, 20.0), (4.0, 12.0), (0.3, 0.3), 0.5)
+"""Along the pavement, 0.3 m thick; share and lengths chosen."""
 TREES = HouseRows((0.8, 1.6), (9.0, 18.0), (0.5, 0.5), (0.5, 0.5), 0.5)
 """Trunks; RASt 06 proposes 8 to 15 m between the trees of a row."""
 

@@ -24,10 +24,13 @@ SHIFT_M = 6.0
 RADIUS_M = 8.0
 """[m] Of corners; RASt 06 has 6 to 10 m for cars."""
 PARKING_M = 2.0
+"""[m] Width of a parking lane (RASt 06, table 22)."""
 OUTER_ARM = 0.75
 """Share of the streets that go on beyond the blocks; each junction keeps three streets or more (chosen)."""
 MAIN_ROW = 0
+"""The row of junctions on the main street."""
 SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
+"""Steps in columns and rows to the four neighbours of a junction."""
 Corner = tuple[int, int]
 """Column and row of a junction."""
 

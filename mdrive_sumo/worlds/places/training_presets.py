@@ -14,8 +14,10 @@ from mdrive_sumo.worlds.places.street_houses import HouseRows, add_houses
 from mdrive_sumo.worlds.places.streets import SideStreet, StreetPlan, build_motorway, build_street, build_town
 
 CROSS = (0.0, 90.0, 180.0, 270.0)
+"""[deg] Directions of four arms at right angles."""
 CLOSE, NEAR, FAR = HouseRows((1.0, 3.0)), HouseRows((4.0, 9.0)), HouseRows((11.0, 22.0), (8.0, 40.0), (12.0, 30.0))
 SPARSE = HouseRows((5.0, 16.0), (15.0, 50.0), share=0.6)
+"""Rows of houses from closed to loose; those of the packaged networks for training, which must stay as they are."""
 
 
 def _build_crossing(plan: JunctionPlan, houses: HouseRows, lane_m: float = 3.5) -> Callable[[str, str], NetworkDraft]:

@@ -40,10 +40,15 @@ CROSSOVER_M = 60.0
 CLEARANCE_MPS = 30 / 3.6
 """[m/s] Speed by which the time of red for both directions is computed (RiLSA 2015, section 2.7.4: 30 km/h)."""
 MARGIN_S = 2
+"""[s] Added to the computed time of red for both directions; chosen."""
 GREEN_S = 15
+"""[s] Of each direction: about seven vehicles at 2 s each; chosen."""
 AMBER_S = 3
+"""[s] At 50 km/h (RiLSA 2015, section 2.4)."""
 ROAD_PRIORITY = 6
+"""Priority of all edges for netconvert, of which only the order counts: here there is only one."""
 SITE_MARGIN_M = 0.4
+"""[m] Between the edge of a lane and what stands on the site; chosen."""
 CONTAINER_M = (6.06, 2.44)
 """[m] Length and width of a container of 20 feet (ISO 668)."""
 EVERY_M = (9.0, 22.0)

@@ -19,6 +19,7 @@ CLEAR_M, CLEAR_S = 7.0, 1.0
 ACTOR_CLEAR_M = 2.0
 """[m] Free length before and behind a scripted actor; SUMO's least gap to it is 2.5 m."""
 _FIRST_CAPACITY = 64
+"""Boxes that there is room for at first; doubled when full."""
 
 
 class TakenGround:

@@ -26,6 +26,7 @@ WALK_MPS = (1.34, 0.26)
 SLOWER_PER_PERSON = 0.04
 """[m/s] A group walks slower by this for each person (Moussaid et al. 2010, population A)."""
 WALK_BOUNDS = (0.6, 2.2)
+"""[m/s] Drawn walking speeds are cut here, about three standard deviations from the mean."""
 GROUP_SIZES = ((2, 0.7), (3, 0.2), (4, 0.1))
 """Sizes of groups and their weights: pairs are most of them (Moussaid et al. 2010); the weights are chosen."""
 ABREAST_M = 0.75
@@ -36,6 +37,7 @@ CROSS_S = (0.0, 35.0)
 """[s] When people look for a gap: chosen, within an episode."""
 ADULT = BODIES["adult"]
 CHILD = Body("child", "pedestrian", 0.4, 0.4)
+"""A child of primary-school age; chosen."""
 FRONT_PEOPLE = (4, 9)
 """People who stand before a shop or a school: chosen."""
 FRONT_M = 7.0

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing
+from mdrive_sumo.worlds.placement.background_vehicles import DRIVING, FAST_DRIVING
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES
 
 
@@ -17,18 +18,15 @@ class VehicleClass:
 
 
 VEHICLE_CLASSES: Mapping[str, VehicleClass] = {
-    "car": VehicleClass(*BODY_SIZES["car"], CarFollowing(sigma=0.2)),
-    "van": VehicleClass(*BODY_SIZES["van"], CarFollowing(sigma=0.2, accel=2.0)),
-    "truck": VehicleClass(
-        *BODY_SIZES["truck"], CarFollowing(sigma=0.2, accel=1.2, decel=4.0, tau_s=1.4, max_speed=24.0)
-    ),
+    "car": VehicleClass(*BODY_SIZES["car"], DRIVING["car"]),
+    "van": VehicleClass(*BODY_SIZES["van"], DRIVING["van"]),
+    "truck": VehicleClass(*BODY_SIZES["truck"], FAST_DRIVING["truck"]),
     "bus": VehicleClass(*BODY_SIZES["bus"], CarFollowing(sigma=0.2, accel=1.2, decel=4.0, tau_s=1.4, max_speed=27.0)),
     "motorcycle": VehicleClass(2.2, 0.8, CarFollowing(sigma=0.2, accel=4.0)),
     "emergency": VehicleClass(*BODY_SIZES["ambulance"], CarFollowing(sigma=0.0, accel=2.6, tau_s=0.8)),
 }
-"""Trucks are governed at 86 to 90 km/h and buses at 100 km/h (EU directives 92/6/EEC and 2002/85/EC). Heavy vehicles
-accelerate less, motorcycles more, and drivers are more even than SUMO's (sigma 0.5), so that less of an outcome is
-chance: chosen."""
+"""Buses are governed at 100 km/h (EU directive 2002/85/EC), motorcycles accelerate more than cars, and ambulances keep
+less distance: chosen. The others drive as in `placement.background_vehicles`."""
 LARGE = frozenset({"truck", "bus"})
 """Their boxes cut corners: they drive on ways that fit them only."""
 

@@ -12,12 +12,15 @@ from mdrive_sumo.agents.omniscient import OmniscientAgent
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, Privileged
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Kind
+from mdrive_sumo.generate.built_in_drive import drive_episode
 from mdrive_sumo.planning.joint_plan import has_undecided_vehicle, plan_joint_detours
 from mdrive_sumo.planning.parameters import PEDESTRIAN
 from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.reference_path import SPACING_M, build_path
 from mdrive_sumo.planning.reference_path import ReferencePath as Way
-from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.roads import Lane, RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
 CAR = to_vehicle_facts(MKZ_2017)
@@ -159,3 +162,12 @@ def test_a_waiting_pedestrian_who_has_started_walks_on() -> None:
     assert predict_walking_on(people, first).speed.tolist() == [0.0, PEDESTRIAN.walking_speed, 0.8]
     cars = replace(people, kind=np.full(3, Kind.VEHICLE, dtype=np.uint8))
     assert predict_walking_on(cars, first).speed.tolist() == [0.0, 0.0, 0.8]
+
+
+def test_it_stops_at_red_with_the_speeds_of_the_protocol_too() -> None:
+    (written,) = load_suite("interdrive@0").select("i22_ins_sr_boulevard")
+    scenario, roads = written.model_copy(update={"signals": "program"}), load_road_map(find_network_folder("boulevard"))
+    found = score_episode(drive_episode(scenario, roads, "omniscient"), scenario, roads, ScoreMode.MDRIVE, 0)
+    assert "red-light" not in {one.kind for ego in found.egos for one in ego.infractions}
+    blind = score_episode(drive_episode(scenario, roads, "constant-speed"), scenario, roads, ScoreMode.MDRIVE, 0)
+    assert "red-light" in {one.kind for ego in blind.egos for one in ego.infractions}
