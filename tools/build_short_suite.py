@@ -44,7 +44,7 @@ def build_suite(suite: Suite, scenarios: Sequence[str], folder: Path) -> Suite:
     about = SuiteFile(
         name=folder.name,
         title=f"{len(scenarios)} scenarios of {suite.label} that keep the ranking of agents",
-        description="For quick work; chosen by tools/build_short_suite.py (docs/seasons.md).",
+        description="For quick work; chosen by tools/build_short_suite.py.",
         season=suite.about.season,
         parts=suite.about.parts,
         only=tuple(scenarios),

@@ -13,7 +13,9 @@ from mdrive_sumo.core.errors import InputError
 
 BENCHMARK_SUITES = ("interdrive", "interaction", "v2xpnp", "mdrive")
 """Names of the suites of the benchmark, which every season has; the one that is made of the others is the last."""
-SEASON_SUITES = ("hard", *BENCHMARK_SUITES)
+SHORT_SUITE = "mdrive-40"
+"""Name of the suite of some scenarios of a season that keep the ranking of agents, for quick work."""
+SEASON_SUITES = ("hard", *BENCHMARK_SUITES, SHORT_SUITE)
 """Names of all suites with seasons."""
 SEASON_SIGN = "@"
 """Between the name of a suite and its season."""
