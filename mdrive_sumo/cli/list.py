@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring.metrics import METRICS, InfractionMetric
 from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
 from mdrive_sumo.sensing.sensor_kinds import derive_sensing_track
-from mdrive_sumo.study.need_certificate import NeedCertificate, load_need
+from mdrive_sumo.study.need_certificate import NeedCertificate, Proof, load_need
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
 
 STATISTICS_HEADER: Sequence[str] = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
@@ -106,17 +107,19 @@ def _list_hard_scenarios(suite: Suite, occluded: bool | None) -> str:
             f"suite {suite.label}: --occluded: expected a suite with {CERTIFICATE_FILE}, found the hard tier"
         )
     need = load_need(suite)
-    header = ("scenario", "category", "network", *STATISTICS_HEADER[1:2], *STATISTICS_HEADER[3:], "needed", "gain [s]")
+    header = ("scenario", "category", "network", *STATISTICS_HEADER[1:2], *STATISTICS_HEADER[3:], *NEED_HEADER)
     rows = [(*_make_scenario_row(scenario), *_format_need(need.get(scenario.id))) for scenario in suite.scenarios]
-    holding = sum(one.holds for one in need.values())
-    legend = f"{NEED_LEGEND}\n{holding} of {len(suite)} hold" if need else NO_CERTIFICATES
+    counts = Counter(certificate.proves for certificate in need.values())
+    counted = ", ".join(f"{proof} in {counts[proof]}" for proof in Proof)
+    legend = f"{NEED_LEGEND}\n{counted} of {len(suite)} scenarios" if need else NO_CERTIFICATES
     return format_text(make_text_table(header, rows)) + f"\n\n{legend}"
 
 
 def _format_need(certificate: NeedCertificate | None) -> Sequence[str]:
     if certificate is None:
-        return ("?", "?")
-    return ("yes", f"{certificate.lead_s:.1f}") if certificate.holds else ("-", "-")
+        return ("?",) * len(NEED_HEADER)
+    gain = f"{certificate.lead_s:.1f}" if certificate.proves else "-"
+    return (certificate.proves or "-", certificate.proves_over_roofs or "-", gain)
 
 
 def _make_scenario_row(scenario: Scenario) -> Sequence[str]:
@@ -140,8 +143,12 @@ TRACK_LEGEND = (
     "track: sensor: only what a car carries (LiDAR, cameras, GNSS, IMU, map, messages) or less; object: given lists"
     " of objects"
 )
+NEED_HEADER = ("proves", "over roofs", "gain [s]")
 NEED_LEGEND = (
-    "needed: a driver without messages cannot be safe and in time (certificate of need, docs/hard.md);\n"
+    "proves: what no driver without messages can do (certificate of need, docs/hard-certificates.md):\n"
+    "  all: be safe against every hidden road user and in time, at whatever speeds\n"
+    "  conflict: meet one hidden conflict at the speeds that the time limit requires\n"
+    "over roofs: the same with a LiDAR that looks over cars;\n"
     "gain: how much earlier than its own sensors a message tells a CAV of the road user"
 )
 NO_CERTIFICATES = "hidden: unknown; `mdrive-sumo validate SUITE --write` examines it"

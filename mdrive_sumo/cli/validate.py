@@ -109,7 +109,8 @@ def command(ctx: click.Context, suite: str, sample: int | None, scenario: str, w
 def _format_validation(validation: ScenarioValidation) -> str:
     if (hard := validation.hard) is not None:
         solved = f"ok, omniscient 100 with {hard.seeds} of {hard.seeds} seeds"
-        need = f"needed: a message gains {hard.need.lead_s:.1f} s" if hard.need.holds else "no need certified"
+        proves = hard.need.proves
+        need = f"proves {proves}: a message gains {hard.need.lead_s:.1f} s" if proves else "proves nothing of need"
         return f"{validation.scenario}: {'; '.join(validation.problems) or solved}; {need}"
     said = "; ".join(validation.problems) or ("ok" if validation.is_difficult else "ok, blind driving has no near miss")
     return f"{validation.scenario}: {said}{', hidden until late' if validation.is_occluded else ''}"

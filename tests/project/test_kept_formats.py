@@ -76,6 +76,7 @@ READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
     "hard-recipe/2": (lambda: load_hard_recipe(KEPT / "hard_recipe.json").place.kind, "crossing"),
     "reference-times/1": (lambda: len(read_reference_times(KEPT).scenarios), 1),  # pyright: ignore[reportOptionalMemberAccess]
     "need/1": (lambda: len(read_need(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
+    "need/2": (lambda: str(read_need(KEPT / "need_2").certificates[0].proves), "all"),  # pyright: ignore[reportOptionalMemberAccess]
     "human-study/1": (lambda: HumanStudyFolder.open_existing(KEPT / "human_study").drivers, "persons"),
     "human-study-plan/1": (lambda: HumanStudyFolder.open_existing(KEPT / "human_study").plan.title, "A small study"),
     "human-study-progress/1": (lambda: read_answers(KEPT / "human_study"), {"safe": 6.0}),

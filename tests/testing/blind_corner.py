@@ -16,6 +16,7 @@ from testing.worlds import straight_ego, straight_road, straight_scenario
 CROSSING_X = 60.0
 CAR = (4.9, 2.0)
 LIMIT = 13.89
+SPACING_M = 40.0
 
 
 @dataclass(frozen=True)
@@ -34,48 +35,62 @@ class BlindCorner:
     """Whether "b" is a CAV, and so tells of itself."""
     has_wall: bool = True
     rsus: tuple[RoadsideUnit, ...] = ()
+    corners: int = 1
+    """How many such crossings follow each other at `SPACING_M`, each with a wall and a road user of its own."""
     more: Sequence[tuple[float, float, float, float, float]] = ()
     """Further boxes that stand: x, y, yaw, length, width."""
     more_kind: Kind = Kind.VEHICLE
 
     @property
+    def crossings(self) -> list[float]:
+        """Stations [m] on the route of "a" at which the others cross."""
+        return [CROSSING_X + SPACING_M * k for k in range(self.corners)]
+
+    @property
     def roads(self) -> RoadMap:
-        """The lane of "a" and the wall before the crossing, on its right."""
-        right = CROSSING_X - CAR[1] / 2 - self.gap
-        corners = (
-            (right - 70, -self.side - 80),
-            (right, -self.side - 80),
-            (right, -self.side),
-            (right - 70, -self.side),
-        )
-        buildings = (Building(id="wall", polygon=corners),) if self.has_wall else ()
-        return replace(straight_road(150.0), buildings=buildings)
+        """The lane of "a" and the wall before each crossing, on its right."""
+        buildings = [self._build_wall(f"wall{k}", x) for k, x in enumerate(self.crossings)] if self.has_wall else []
+        return replace(straight_road(60.0 + self.length), buildings=tuple(buildings))
+
+    def _build_wall(self, name: str, crossing_x: float) -> Building:
+        right = crossing_x - CAR[1] / 2 - self.gap
+        left = right - (70.0 if self.corners == 1 else SPACING_M - 10.0)
+        far = -self.side - 80
+        return Building(id=name, polygon=((left, far), (right, far), (right, -self.side), (left, -self.side)))
+
+    @property
+    def length(self) -> float:
+        """Length of the route of "a" [m]."""
+        return 90.0 + SPACING_M * (self.corners - 1)
 
     @property
     def scenario(self) -> Scenario:
         """The scenario with the CAV "a" alone as the one that is asked about."""
-        ego = straight_ego("a", 0.0, 90).model_copy(update={"time_limit_s": self.time_limit_s})
+        ego = straight_ego("a", 0.0, round(self.length)).model_copy(update={"time_limit_s": self.time_limit_s})
         return straight_scenario(ego).model_copy(update={"rsus": self.rsus})
 
     @property
     def record(self) -> EpisodeRecord:
-        """8 s in which "a" drives 10 m/s, and "b" is at the crossing after 5 s."""
-        ticks, count = np.arange(160), 2 + len(self.more)
+        """8 s in which "a" drives 10 m/s, and every other road user is at its crossing after 5 s."""
+        ticks, others = np.arange(160), self.corners
+        count = 1 + others + len(self.more)
         states = np.zeros((len(ticks), count, 4))
         states[:, 0, 0], states[:, 0, 3] = ticks * 0.5, 10.0
-        states[:, 1, 0], states[:, 1, 2], states[:, 1, 3] = CROSSING_X, np.pi / 2, self.speed
-        states[:, 1, 1] = (ticks - 100) / 20 * self.speed
-        for i, (x, y, yaw, _, _) in enumerate(self.more):
-            states[:, 2 + i] = x, y, yaw, 0.0
+        for i, crossing_x in enumerate(self.crossings, 1):
+            states[:, i, 0], states[:, i, 2], states[:, i, 3] = crossing_x, np.pi / 2, self.speed
+            states[:, i, 1] = (ticks - 100) / 20 * self.speed
+        for i, (x, y, yaw, _, _) in enumerate(self.more, 1 + others):
+            states[:, i] = x, y, yaw, 0.0
         small = (0.6, 0.6) if self.kind is Kind.PEDESTRIAN else CAR
-        sizes = np.array([CAR, small, *(box[3:] for box in self.more)])
-        egos = 1 + self.is_cav
+        sizes = np.array([CAR, *[small] * others, *(box[3:] for box in self.more)])
+        names = ("b", *(f"b{k}" for k in range(1, others)))
+        egos = 1 + self.is_cav * others
         return EpisodeRecord(
             scenario="corner",
             about={},
-            ids=("a", "b", *(f"stands{i}" for i in range(len(self.more)))),
+            ids=("a", *names, *(f"stands{i}" for i in range(len(self.more)))),
             egos=egos,
-            kind=np.array([Kind.VEHICLE, self.kind] + [self.more_kind] * len(self.more), dtype=np.uint8),
+            kind=np.array([Kind.VEHICLE] + [self.kind] * others + [self.more_kind] * len(self.more), dtype=np.uint8),
             length=sizes[:, 0],
             width=sizes[:, 1],
             valid=np.ones((len(ticks), count), dtype=np.bool_),

@@ -5,16 +5,18 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.sensing.visibility import BuildingEdges
 from mdrive_sumo.study.need.conflict_zone import ConflictZone, ZoneFinder
 from mdrive_sumo.study.need.doom import DoomTest
 from mdrive_sumo.study.need.message_lead import ReferenceDrive, Witnesses
 from mdrive_sumo.study.need.motion import MotionLimits, RouteMotion, build_route_motion
 from mdrive_sumo.study.need.occluders import StandingVehicles
-from mdrive_sumo.study.need.route_search import SafeArrival, ZoneStates, find_safe_arrival
+from mdrive_sumo.study.need.route_search import SafeArrival, WayPoint, ZoneStates, find_free_way, find_safe_arrival
 from mdrive_sumo.study.need.sight_tables import SightTables
 from mdrive_sumo.study.need.speed_grid import SpeedGrid
 
@@ -55,11 +57,20 @@ class RouteAnalysis:
     context: NeedContext
     column: int
 
+    @property
+    def ego(self) -> Ego:
+        """The CAV."""
+        return self.context.scenario.egos[self.column]
+
+    @cached_property
+    def limit_s(self) -> float:
+        """Its time limit [s]."""
+        return compute_time_limit_ticks(self.context.scenario)[self.ego.id] / TICKS_PER_SECOND
+
     @cached_property
     def motion(self) -> RouteMotion:
         """All ways to drive the route."""
-        context = self.context
-        return build_route_motion(context.scenario.egos[self.column], context.roads, context.limits)
+        return build_route_motion(self.ego, self.context.roads, self.context.limits)
 
     @cached_property
     def zones(self) -> tuple[ConflictZone, ...]:
@@ -72,9 +83,14 @@ class RouteAnalysis:
         return SpeedGrid(self.motion)
 
     @cached_property
+    def free_way(self) -> tuple[WayPoint, ...]:
+        """The fastest way on a free road, from the goal back to the start."""
+        return find_free_way(self.grid)
+
+    @property
     def free_s(self) -> float:
         """Least arrival time [s] on a free road."""
-        return find_safe_arrival(self.grid, ()).time_s
+        return self.free_way[0].time_s
 
     def find_safe_arrival(self, over_roofs: bool) -> SafeArrival:
         """Return the least arrival time of a driver that is safe against all that may be hidden.
@@ -84,20 +100,48 @@ class RouteAnalysis:
         """
         standing = self.context.standing[over_roofs]
         arrival = self._search(self.zones, standing)
-        users = frozenset(zone.doom.tables.zone.road_user for zone in arrival.zones)
-        if not _hides_any(standing, users):
+        if not _hides_any(standing, arrival.road_users):
             return arrival
-        zones = tuple(zone.doom.tables.zone for zone in arrival.zones)
-        return self._search(zones, StandingVehicles(standing.record, over_roofs, users))
+        zones = [zone for zone in self.zones if zone.road_user in arrival.road_users]
+        return self._search(zones, StandingVehicles(standing.record, over_roofs, arrival.road_users))
 
     def _search(self, zones: Collection[ConflictZone], standing: StandingVehicles) -> SafeArrival:
-        return find_safe_arrival(self.grid, [self._build_states(zone, standing) for zone in zones])
+        return find_safe_arrival(self.grid, [self.build_states(zone, standing) for zone in zones])
 
-    def _build_states(self, zone: ConflictZone, standing: StandingVehicles) -> ZoneStates:
-        context = self.context
-        tables = SightTables(standing, context.roads, self.column, self.motion, zone)
-        reference = ReferenceDrive(tables, Witnesses(tables, context.scenario, context.buildings))
-        return ZoneStates(self.grid, context.build_doom_test(tables, None), reference)
+    def build_states(self, zone: ConflictZone, standing: StandingVehicles) -> ZoneStates:
+        """Return the states of the grid before and in a zone, and which of them are doomed behind what stands."""
+        key = zone.road_user, standing.over_roofs, standing.absent
+        if key not in self._states:
+            tables = self.build_tables(zone, standing)
+            reference = ReferenceDrive(tables, self.build_witnesses(tables))
+            self._states[key] = ZoneStates(self.grid, self.context.build_doom_test(tables, None), reference)
+        return self._states[key]
+
+    @cached_property
+    def _states(self) -> dict[tuple[int, bool, frozenset[int]], ZoneStates]:
+        return {}
+
+    def build_tables(self, zone: ConflictZone, standing: StandingVehicles) -> SightTables:
+        """Return what is hidden in a conflict behind what stands."""
+        key = zone.road_user, standing.over_roofs, standing.absent
+        if key not in self._tables:
+            self._tables[key] = SightTables(standing, self.context.roads, self.column, self.motion, zone)
+        return self._tables[key]
+
+    def build_witnesses(self, tables: SightTables) -> Witnesses:
+        """Return the stations that could tell of the road user of a conflict."""
+        road_user = tables.zone.road_user
+        if road_user not in self._witnesses:
+            self._witnesses[road_user] = Witnesses(tables, self.context.scenario, self.context.buildings)
+        return self._witnesses[road_user]
+
+    @cached_property
+    def _witnesses(self) -> dict[int, Witnesses]:
+        return {}
+
+    @cached_property
+    def _tables(self) -> dict[tuple[int, bool, frozenset[int]], SightTables]:
+        return {}
 
 
 def _hides_any(standing: StandingVehicles, users: frozenset[int]) -> bool:

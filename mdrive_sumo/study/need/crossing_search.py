@@ -19,20 +19,6 @@ STATION_M = 0.5
 """Between stations at which speeds are told apart."""
 SPEED_STEPS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
 """Bounds of the ranges of low speeds [m/s]; above them a range is 1 m/s wide."""
-LOOK_AHEAD_S = 10.0
-"""A crossing is looked for until so long after the time limit, to say by how much the limit is missed."""
-
-
-@dataclass(frozen=True, slots=True, order=True)
-class SafeCrossing:
-    """A crossing that the proof does not exclude. They have an order because a heap compares those of equal times."""
-
-    arrival_s: float
-    """Lower bound of its arrival time at the goal."""
-    station: float
-    """Station at which the driver is slowest because of the conflict [m]."""
-    speed: float
-    """Greatest speed at that station [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -71,64 +57,44 @@ class CrossingSearch:
             bounds.append(float(math.floor(bounds[-1]) + 1.0))
         return bounds
 
-    def find_steady_crossing(self) -> SafeCrossing | None:
-        """Return a crossing in one range of speeds in which the CAV always sees the road user in time, or None.
-
-        A cheap test that spares the search where nothing is hidden.
-        """
-        for j in range(len(self.speeds) - 2, -1, -1):
-            states = [self._build_state(i, j, True) for i in range(len(self.stations))]
-            if not all(state.is_reachable for state in states):
-                continue
-            worst = max(states, key=lambda state: state.earliest_s + state.remaining_s)
-            arrival_s = worst.earliest_s + worst.remaining_s
-            if arrival_s <= self.limit_s and all(not s.is_committed or self.doom.sees_at_once(s) for s in states):
-                return SafeCrossing(arrival_s, worst.back_m, worst.fast)
-        return None
-
-    def find_crossing(self) -> SafeCrossing | None:
-        """Return the crossing with the least bound of its arrival time.
-
-        None if all others are `LOOK_AHEAD_S` late or doomed.
-        """
-        heap: list[tuple[float, int, int, SafeCrossing]] = []
+    def find_crossing(self) -> float:
+        """Return the least bound of the arrival time [s] of a crossing; infinite if all are late or doomed."""
+        heap: list[tuple[float, int, int]] = []
         for i, j, across in self._list_entries():
-            self._push(heap, SafeCrossing(0.0, 0.0, 0.0), (i, j), (i, j, across))
+            self._push(heap, 0.0, (i, j), (i, j, across))
         done: set[tuple[int, int]] = set()
         while heap:
-            _, i, j, slowest = heapq.heappop(heap)
+            arrival_s, i, j = heapq.heappop(heap)
             if i == len(self.stations) - 1:
-                return slowest
+                return arrival_s
             if (i, j) in done:
                 continue
             done.add((i, j))
             for cell, side in self._list_ways(i, j):
                 if cell not in done:
-                    self._push(heap, slowest, cell, side)
-        return None
+                    self._push(heap, arrival_s, cell, side)
+        return math.inf
 
     def _push(
-        self,
-        heap: list[tuple[float, int, int, SafeCrossing]],
-        slowest: SafeCrossing,
-        cell: tuple[int, int],
-        side: tuple[int, int, bool],
+        self, heap: list[tuple[float, int, int]], so_far_s: float, cell: tuple[int, int], side: tuple[int, int, bool]
     ) -> None:
         """Add the way to a cell through a side, if the side is not closed."""
-        arrival_s = self._open_from(*side)
-        if math.isfinite(arrival_s):
-            crossing = SafeCrossing(arrival_s, float(self.stations[side[0]]), self.speeds[side[1] + side[2]])
-            worst = max(slowest, crossing, key=lambda candidate: candidate.arrival_s)
-            heapq.heappush(heap, (worst.arrival_s, *cell, worst))
+        arrival_s = max(so_far_s, self._open_from(*side))
+        if arrival_s <= self.limit_s:
+            heapq.heappush(heap, (arrival_s, *cell))
 
     def _list_entries(self) -> Iterator[tuple[int, int, bool]]:
         """Yield the sides through which drives come into the grid: at its first station, or by speeding up to the
         least speed where a slower CAV could still stop."""
         yield from ((0, j, True) for j in range(len(self.speeds) - 1))
-        motion, zone = self._tables.motion, self._tables.zone
-        last = zone.enter_m + OVERRUN_M - self.least_speed * self.least_speed / (2.0 * motion.deceleration)
         if self.least_speed > 0.0:
-            yield from ((i, 0, False) for i in range(len(self.stations) - 1) if self.stations[i] <= last)
+            yield from ((i, 0, False) for i in range(len(self.stations) - 1) if self.stations[i] <= self.last_entry_m)
+
+    @property
+    def last_entry_m(self) -> float:
+        """Last station [m] at which a CAV of the least speed can stop before the zone."""
+        motion, zone = self._tables.motion, self._tables.zone
+        return zone.enter_m + OVERRUN_M - self.least_speed * self.least_speed / (2.0 * motion.deceleration)
 
     def _list_ways(self, i: int, j: int) -> Iterator[tuple[tuple[int, int], tuple[int, int, bool]]]:
         """Yield the neighbours of a cell, each with the side that leads there."""
@@ -162,13 +128,12 @@ class CrossingSearch:
         if not state.is_reachable:
             return math.inf
         fastest = state.earliest_s + state.remaining_s
-        until_s = self.limit_s + LOOK_AHEAD_S
-        if fastest >= until_s:
+        if fastest > self.limit_s:
             return math.inf
         if not state.is_committed:
             return fastest
         first = math.floor(state.earliest_s / DT) // BIN_TICKS
-        last = math.ceil((until_s - state.remaining_s) / DT) // BIN_TICKS
+        last = math.ceil((self.limit_s - state.remaining_s) / DT) // BIN_TICKS
         number = self._find_first_open(state, first, last)
         if number is None:
             return math.inf
@@ -178,7 +143,7 @@ class CrossingSearch:
         """Return the first bin of time in which not all of these states are doomed."""
         if not self.doom.is_doomed(state, first):
             return first
-        if len(self._tables.sets) > 1 or not self.doom.witnesses.tells_of_itself:
+        if len(self._tables.sets) > 1 or not self.doom.is_always_told:
             end = min(last, self.doom.steady_from)
             for number in range(first + 1, end + 1):
                 if not self.doom.is_doomed(state, number):

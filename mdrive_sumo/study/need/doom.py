@@ -34,6 +34,11 @@ class DoomTest:
         """Whether the road user exists from the beginning, so that it waits at its start if it leaves later."""
         return self.tables.first_tick == 0
 
+    @property
+    def is_always_told(self) -> bool:
+        """Whether no state can lack a witness."""
+        return self.witnesses is None or self.witnesses.tells_of_itself
+
     @cached_property
     def steady_from(self) -> int:
         """The bin of time from which on all that a drive can have seen on its way stood after the recording."""
@@ -107,13 +112,6 @@ class DoomTest:
             views = self.tables.sum_views_from_drive(number)
             sees |= (sets == number).any(axis=0) & (views[rows, end] > views[rows, begin])
         return sees
-
-    def sees_at_once(self, state: ApproachState) -> bool:
-        """Return whether the CAV sees the road user at the state, so that it is not doomed; a cheap test, not sharp."""
-        ticks = self._list_candidates(state)
-        begin, end = self.tables.find_stretches(np.array(state.back_m), np.array(state.front_m))
-        cells = self.tables.find_cells(ticks)
-        return all(bool(self.tables.look_past_all(row)[cells].all()) for row in range(int(begin), int(end)))
 
 
 def _to_seconds(ticks: Int) -> Float:

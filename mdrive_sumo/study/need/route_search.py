@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,15 @@ from mdrive_sumo.study.need.speed_grid import SpeedGrid
 MOST_BINS = 10
 """A doomed state counts as open after so many bins of time (5 s), whatever is true then, unless it is doomed for
 good."""
+
+
+class WayPoint(NamedTuple):
+    """Where a drive passes a station."""
+
+    step: int
+    cell: int
+    """Of its speed."""
+    time_s: float
 
 
 @dataclass(frozen=True)
@@ -41,19 +51,13 @@ class ZoneStates:
         """Return (C,) the least times [s] at a station at which no state is doomed that comes there by those (C,)."""
         if step not in self.steps:
             return times
-        ranges = self.grid.ranges.tolist()
-        return np.concatenate(
-            [
-                self._delay_range(step, number, times[slice(*ranges[number : number + 2])])
-                for number in range(len(ranges) - 1)
-            ]
-        )
-
-    def _delay_range(self, step: int, number: int, times: Float) -> Float:
-        first_s = float(times.min())
-        if not math.isfinite(first_s):
-            return times
-        return np.maximum(times, self._find_opening(step, number, first_s))
+        ranges = self.grid.ranges
+        delayed = times.copy()
+        for number, first_s in enumerate(np.minimum.reduceat(times, ranges[:-1]).tolist()):
+            if math.isfinite(first_s) and (opening_s := self._find_opening(step, number, first_s)) > first_s:
+                cells = slice(ranges[number], ranges[number + 1])
+                delayed[cells] = np.maximum(times[cells], opening_s)
+        return delayed
 
     def _find_opening(self, step: int, number: int, first_s: float) -> float:
         """Return a time [s] before which all states of a range are doomed, from the given time on; it or less if
@@ -75,10 +79,13 @@ class ZoneStates:
         """A bin in which only what stands for good has hidden anything; who is doomed in it was doomed before."""
         return self.doom.steady_from + _find_bin(self.grid.motion.fastest_times[-1])
 
-    def meets(self, step: int, cell: int, time_s: float) -> bool:
-        """Return whether a drive is doomed that passes a station in a cell of speed at a time [s]."""
-        number = int(np.searchsorted(self.grid.ranges, cell, side="right")) - 1
-        return step in self.steps and self._find_opening(step, number, time_s) > time_s
+    def meets(self, way: Sequence[WayPoint]) -> bool:
+        """Return whether a drive is doomed somewhere on its way."""
+        return any(
+            self._find_opening(point.step, self.grid.find_range(point.cell), point.time_s) > point.time_s
+            for point in way
+            if point.step in self.steps
+        )
 
     @property
     def is_told(self) -> bool:
@@ -113,8 +120,8 @@ class SafeArrival:
 
     time_s: float
     """Infinite if no drive is safe."""
-    zones: tuple[ZoneStates, ...]
-    """Those that the bound rests on."""
+    road_users: frozenset[int]
+    """Columns of those that the bound rests on."""
 
 
 def find_safe_arrival(grid: SpeedGrid, zones: Sequence[ZoneStates]) -> SafeArrival:
@@ -129,14 +136,21 @@ def find_safe_arrival(grid: SpeedGrid, zones: Sequence[ZoneStates]) -> SafeArriv
         _search(grid, chosen, rows)
         arrival_s = float(rows[-1].min())
         if not math.isfinite(arrival_s):
-            return SafeArrival(arrival_s, tuple(chosen))
+            return SafeArrival(arrival_s, frozenset(zone.doom.tables.zone.road_user for zone in chosen))
         way = list(_trace(grid, rows))
-        met = next((zone for zone in left if any(zone.meets(*place) for place in way) and zone.is_told), None)
+        met = next((zone for zone in left if zone.meets(way) and zone.is_told), None)
         if met is None:
-            return SafeArrival(arrival_s, tuple(chosen))
+            return SafeArrival(arrival_s, frozenset(zone.doom.tables.zone.road_user for zone in chosen))
         chosen.append(met)
         left.remove(met)
         del rows[met.steps.start :]
+
+
+def find_free_way(grid: SpeedGrid) -> tuple[WayPoint, ...]:
+    """Return the fastest way on a free road, from the goal back to the start."""
+    rows = [grid.start()]
+    _search(grid, (), rows)
+    return tuple(_trace(grid, rows))
 
 
 def _search(grid: SpeedGrid, zones: Sequence[ZoneStates], rows: list[Float]) -> None:
@@ -148,11 +162,11 @@ def _search(grid: SpeedGrid, zones: Sequence[ZoneStates], rows: list[Float]) -> 
         rows.append(times)
 
 
-def _trace(grid: SpeedGrid, rows: Sequence[Float]) -> Iterator[tuple[int, int, float]]:
-    """Yield the steps, cells and times [s] of the fastest way, from the goal back to the start."""
+def _trace(grid: SpeedGrid, rows: Sequence[Float]) -> Iterator[WayPoint]:
+    """Yield the fastest way, from the goal back to the start."""
     cell = int(rows[-1].argmin())
     for step in range(grid.steps, 0, -1):
-        yield step, cell, float(rows[step][cell])
+        yield WayPoint(step, cell, float(rows[step][cell]))
         cell = grid.find_begin(rows[step - 1], step - 1, cell)
 
 

@@ -153,14 +153,6 @@ class SightTables:
             self._views[key] = self._look_from_route(row, self.sets[number])
         return self._views[key]
 
-    def look_past_all(self, row: int) -> Bool:
-        """Return (K,) the cells that can be seen from a stretch even past all that ever stands."""
-        key = -1, row
-        if key not in self._views:
-            boxes = tuple(dict.fromkeys(box for occluders in self.sets for box in occluders))
-            self._views[key] = self._look_from_route(row, boxes)
-        return self._views[key]
-
     def _look_from_route(self, row: int, occluders: Occluders) -> Bool:
         begin, end = self.edges[row], self.edges[row + 1]
         eye = self.motion.line.at(float(begin + end) / 2)

@@ -62,6 +62,10 @@ class SpeedGrid:
                 firsts.append(cell)
         return np.array([*firsts, len(self.bounds) - 1])
 
+    def find_range(self, cell: int) -> int:
+        """Return the range of speed of a cell."""
+        return int(np.searchsorted(self.ranges, cell, side="right")) - 1
+
     @cached_property
     def _drop(self) -> int:
         """Cells that full braking falls at most between two stations."""

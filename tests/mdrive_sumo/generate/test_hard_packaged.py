@@ -43,6 +43,5 @@ def test_the_time_counts_and_follows_from_reference_times() -> None:
 def test_every_certificate_that_holds_names_a_station_that_sees_the_road_user_in_time() -> None:
     for certificate in load_need(load_hard()).values():
         for conflict in certificate.conflicts:
-            if conflict.is_blind:
-                assert conflict.stations and conflict.told_s is not None and conflict.stopping_s is not None
-                assert conflict.told_s <= conflict.stopping_s
+            assert conflict.stations and conflict.told_s is not None and conflict.stopping_s is not None
+            assert conflict.told_s <= conflict.stopping_s

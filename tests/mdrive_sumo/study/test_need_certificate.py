@@ -18,7 +18,6 @@ from mdrive_sumo.scenario.scenario import RoadsideUnit
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.study.need.approach import OVERRUN_M, ApproachState
 from mdrive_sumo.study.need.conflict_zone import ZoneFinder, find_largest_rectangle
-from mdrive_sumo.study.need.crossing_search import SafeCrossing
 from mdrive_sumo.study.need.motion import MotionLimits, build_route_motion
 from mdrive_sumo.study.need.occluders import SightBox, StandingOccluders, StandingVehicles
 from mdrive_sumo.study.need.sight_tables import SightTables
@@ -26,7 +25,7 @@ from mdrive_sumo.study.need_certificate import (
     NEED_FILE,
     NeedCertificate,
     NeedCertificateFile,
-    NeedConflict,
+    Proof,
     certify_need,
     read_need,
     save_need,
@@ -39,15 +38,18 @@ WORSE_BRAKES = MotionLimits(deceleration=6.0)
 
 
 @cache
-def certify(corner: BlindCorner, limits: MotionLimits | None = None) -> NeedConflict:
-    (conflict,) = certify_need(corner.scenario, corner.roads, corner.record, limits).conflicts
-    return conflict
+def certify(corner: BlindCorner, limits: MotionLimits | None = None) -> NeedCertificate:
+    return certify_need(corner.scenario, corner.roads, corner.record, limits)
+
+
+def is_blind(corner: BlindCorner, limits: MotionLimits | None = None) -> bool:
+    return certify(corner, limits).proves is not None
 
 
 @pytest.mark.slow
 def test_a_wall_at_the_corner_makes_the_conflict_blind_and_the_crossing_car_tells_of_itself() -> None:
-    found = certify(BASE)
-    assert (found.is_blind, found.is_blind_over_roofs, found.excludes_all) == (True, True, False)
+    assert certify(BASE).proves is certify(BASE).proves_over_roofs is Proof.CONFLICT
+    (found,) = certify(BASE).conflicts
     assert (found.ego, found.road_user, found.stations) == ("a", "b", ("b",))
     assert found.required_speed == pytest.approx(89.1 / 12.0, abs=0.01)
     # "b" is seen when its nose comes into the line past the corner; the message is there from the first tick.
@@ -59,50 +61,42 @@ def test_a_wall_at_the_corner_makes_the_conflict_blind_and_the_crossing_car_tell
 
 @pytest.mark.slow
 def test_the_verdict_flips_where_the_wall_moves_a_metre_away() -> None:
-    assert certify(replace(BASE, gap=2.0)).is_blind
-    assert not certify(replace(BASE, gap=3.0)).is_blind
+    assert is_blind(replace(BASE, gap=2.0))
+    assert not is_blind(replace(BASE, gap=3.0))
 
 
 def test_without_a_wall_nothing_is_certified() -> None:
     found = certify(replace(BASE, has_wall=False))
-    assert not found.is_blind
-    assert found.stopping_s is None
+    assert (found.proves, found.proves_over_roofs, found.conflicts) == (None, None, ())
 
 
 @pytest.mark.slow
 def test_more_time_never_makes_a_certificate() -> None:
     found = [certify(replace(BASE, time_limit_s=limit)) for limit in (8.5, 12.0, 30.0)]
-    assert [one.is_blind for one in found] == [True, True, False]  # 30 s leave time to creep at 2.97 m/s
-    # A careful driver needs 8.97 s: too long for the first limit only.
-    assert [one.excludes_all for one in found] == [True, False, False]
-    assert found[0].cautious_s == found[1].cautious_s == pytest.approx(8.97)
-
-
-def test_crossings_of_equal_arrival_have_an_order() -> None:
-    """The search's heap compares them where two ways lead to the same cell at the same time."""
-    assert min(SafeCrossing(9.0, 30.0, 8.0), SafeCrossing(9.0, 30.0, 7.0)).speed == 7.0
+    # A careful driver needs 8.91 s: too long for the first limit only. 30 s leave time to creep at 2.97 m/s.
+    assert [one.proves for one in found] == [Proof.ALL, Proof.CONFLICT, None]
+    assert {one.routes[0].cautious_s for one in found} == {8.91}
 
 
 def test_a_limit_that_cannot_be_kept_at_all_proves_nothing() -> None:
-    assert not certify(replace(BASE, time_limit_s=5.0)).is_blind
+    assert not is_blind(replace(BASE, time_limit_s=5.0))
 
 
 def test_without_a_station_that_sees_it_there_is_no_certificate() -> None:
-    assert not certify(replace(BASE, is_cav=False)).is_blind
+    assert not is_blind(replace(BASE, is_cav=False))
 
 
 @pytest.mark.slow
 def test_a_road_side_unit_is_a_witness() -> None:
-    found = certify(CYCLIST)
-    assert found.is_blind
+    (found,) = certify(CYCLIST).conflicts
     assert found.stations == ("mast",)
     assert found.told_s is not None
 
 
 @pytest.mark.slow
 def test_a_certificate_keeps_with_worse_brakes_and_with_another_occluder() -> None:
-    assert certify(BASE, WORSE_BRAKES).is_blind
-    assert certify(replace(BASE, more=((30.0, -6.0, 0.0, 12.0, 2.5),))).is_blind
+    assert is_blind(BASE, WORSE_BRAKES)
+    assert is_blind(replace(BASE, more=((30.0, -6.0, 0.0, 12.0, 2.5),)))
 
 
 @pytest.mark.slow
@@ -110,7 +104,7 @@ def test_a_certificate_keeps_with_worse_brakes_and_with_another_occluder() -> No
 def test_a_lidar_on_the_roof_looks_over_a_fence_but_not_over_a_lorry(kind: Kind, over_roofs: bool) -> None:
     standing = (CROSSING_X - 2.6, -62.0, math.pi / 2, 120.0, 2.6)
     found = certify(replace(BASE, has_wall=False, more=(standing,), more_kind=kind))
-    assert (found.is_blind, found.is_blind_over_roofs) == (True, over_roofs)
+    assert (found.proves, found.proves_over_roofs) == (Proof.CONFLICT, Proof.CONFLICT if over_roofs else None)
 
 
 def test_a_car_is_committed_below_its_braking_distance() -> None:
@@ -218,18 +212,18 @@ def collides(corner: BlindCorner, speed: float, shift: int) -> bool:
 @pytest.mark.slow
 @pytest.mark.parametrize("speed", [8.0, 13.0])
 def test_every_steady_drive_collides_for_some_start_where_blindness_is_certified(speed: float) -> None:
-    assert certify(CYCLIST).excludes_all
+    assert certify(CYCLIST).proves is Proof.ALL
     arrival = round((CROSSING_X - 5.0) / speed * 20) - 100
     assert any(collides(CYCLIST, speed, shift) for shift in range(arrival - 16, arrival + 24, 2))
 
 
 @pytest.mark.slow
 def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
-    one = NeedCertificate(scenario="corner", conflicts=(certify(replace(BASE, has_wall=False)), certify(BASE)))
+    one = certify(BASE)
     file = NeedCertificateFile(suite_checksum="sha256:0", certificates=(one, one))
     save_need(tmp_path, file)
     assert read_need(tmp_path) == file
-    assert (one.holds, one.excludes_all, one.lead_s) == (True, False, certify(BASE).lead_s)
+    assert (one.holds, one.proves, one.lead_s) == (True, Proof.CONFLICT, one.conflicts[0].lead_s)
     assert file.of(load_suite("interdrive@0")) == {}
     (tmp_path / NEED_FILE).write_text('{"format": "other"}')
     with pytest.raises(InputError, match=r"need.json: format: Input should be"):
