@@ -49,8 +49,7 @@ from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.statistics import compute_route_length
 from mdrive_sumo.scenario.variation import vary_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, find_arrival_ticks, score_episode
-from mdrive_sumo.study.need.cautious_arrival import find_cautious_arrival
-from mdrive_sumo.study.need_certificate import NeedCertificate, certify_need
+from mdrive_sumo.study.need_certificate import NeedCertificate, Proof, certify_need, find_cautious_arrival
 
 BLIND_AGENT = "constant-speed"
 """It is driven before anything else, and cheaply: most random candidates hold no conflict at all."""
@@ -146,7 +145,7 @@ class CandidateEvaluation(BaseModel):
         if self.figures is None:
             return 0.0
         found = self.figures
-        return FULL_SCORE - found.unaided_score + FULL_SCORE * (found.need.holds + found.need.excludes_all)
+        return FULL_SCORE - found.unaided_score + FULL_SCORE * (found.need.holds + (found.need.proves is Proof.ALL))
 
     def make_recipe(self, place: HardPlace) -> HardRecipe:
         """Return the recipe of the scenario of a candidate that was not rejected, with time limits."""

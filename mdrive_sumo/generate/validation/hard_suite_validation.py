@@ -20,7 +20,7 @@ from mdrive_sumo.generate.validation.scenario_validation import ScenarioValidati
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.season import FIRST_SEASON
 from mdrive_sumo.scenario.suite import Suite
-from mdrive_sumo.study.need_certificate import NEED_FILE, load_need, read_need
+from mdrive_sumo.study.need_certificate import NEED_FILE, Proof, load_need, read_need
 
 HARD_SUITE = "hard"
 """Name of the suites that come with mdrive-sumo."""
@@ -100,7 +100,7 @@ def _count_scenarios(suite: Suite) -> Iterator[str]:
 
 def _count_proven(suite: Suite) -> Iterator[str]:
     certificates = load_need(suite)
-    proven = [one for one in suite.scenarios if one.id in certificates and certificates[one.id].excludes_all]
+    proven = [one for one in suite.scenarios if one.id in certificates and certificates[one.id].proves is Proof.ALL]
     if len(proven) < LEAST_PROVEN:
         yield f"expected {LEAST_PROVEN} certificates of level all, found {len(proven)}"
     if (places := len({one.network for one in proven})) < PROVEN_PLACES:
