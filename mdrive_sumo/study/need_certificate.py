@@ -18,9 +18,9 @@ driver has done the same as in the world without it; and after the state neither
 the CAV or of a vehicle that reacts as soon as it can see the CAV, keeps both apart. Every drive has a way through the
 grid, with times and speeds that are no worse for it. `conflict` (`need.crossing_search`): no way before and in the zone
 that keeps the required speed is in time. `all` (`need.route_search`): the way of least time through the whole route,
-past the doomed states of all conflicts at once, is later than the limit. A drive that is in time where nobody comes
-therefore has a doomed state of some road user, and collides in the world in which that one comes at that start; nobody
-else comes there whom the driver could have seen instead, and none of those named counts as an occluder.
+past the doomed states of all conflicts at once, is later than the limit. A drive that is in time where none of them
+comes therefore has a doomed state of some road user, and collides in the world in which that one comes at that start:
+no other comes there that the driver could have seen instead, and none of those named counts as an occluder.
 
 A message can prevent it: for `conflict` another station has seen the road user 0.2 s before that state or earlier,
 whenever it is. For `all` each road user that is named is a CAV, or another CAV or a road-side unit sees it in the

@@ -76,7 +76,7 @@ class ZoneStates:
 
     @cached_property
     def _last_bin(self) -> int:
-        """A bin in which only what stands for good has hidden anything; who is doomed in it was doomed before."""
+        """A bin in which only what stands for good has hidden anything; what is doomed in it was doomed before."""
         return self.doom.steady_from + _find_bin(self.grid.motion.fastest_times[-1])
 
     def meets(self, way: Sequence[WayPoint]) -> bool:

@@ -158,7 +158,7 @@ def test_no_driver_is_safe_where_the_nose_is_in_the_way_before_the_cyclist_is_se
     assert certificate.routes[0].road_users == ("b",)
 
 
-def test_what_stands_alone_in_the_way_or_is_told_by_nobody_proves_nothing() -> None:
+def test_what_stands_alone_in_the_way_or_x_proves_nothing() -> None:
     assert math.isfinite(arrive(replace(CLOSE, has_wall=False)))
     assert math.isfinite(arrive(replace(CLOSE, rsus=())))
 
