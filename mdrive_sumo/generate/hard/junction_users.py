@@ -1,0 +1,145 @@
+"""Road users that are due at a place of a way at a given time: columns of CAVs, hidden vehicles, other traffic."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from mdrive_sumo.generate.hard.family import Values
+from mdrive_sumo.generate.hard.sites.junction_conflicts import JunctionConflict
+from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, compute_timing
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.background import BackgroundVehicle
+from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
+from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
+from mdrive_sumo.scenario.start_boxes import CAR
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_arrival_trigger, build_driving_actor, build_mast
+from mdrive_sumo.worlds.placement.cavs import NoRoomError, build_cav
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose
+from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow, build_flows
+
+RIM_M = 5.0
+"""[m] Least distance of a vehicle's centre from the beginning of its lanes, and of a goal from their end."""
+ACCELERATION = 2.6
+"""[m/s2] Of scripted vehicles (`actors.kinematic_limits`)."""
+MAST_M = 0.5
+"""[m] A roadside unit hangs this far from the conflict, above the junction."""
+QUEUE = ("bus", "truck", "van", "car", "truck", "van", "car")
+"""Vehicles that stand beyond a gap, from the gap on: what is high hides most."""
+QUEUE_GAP_M = 2.0
+"""[m] Between standing vehicles."""
+SETS_OFF_S = 30.0
+"""[s] When a queue moves on: later than CAVs have to be through it."""
+QUEUE_MPS = 7.0
+"""[m/s] Of a queue that moves on."""
+GOAL_M = 45.0
+"""[m] From the conflict to the goals: a CAV has left the junction and a wreck in it by then."""
+SLOW_MPS = 4.0
+"""[m/s] Least speed of a car in a bend of a junction by which its place in a column is reckoned."""
+LEAST_LEAD_S = 1.5
+"""[s] A column that would be due earlier has no room: nobody could react."""
+
+
+@dataclass(frozen=True, slots=True)
+class CavColumn:
+    """CAVs one behind the other on a chain of lanes, that drive at the limits as long as nothing is in their way."""
+
+    lanes: Lanes
+    at_m: float
+    """Station [m] at which they are due."""
+    count: int
+    due_s: float
+    """[s] After which the first one is due there."""
+    headway_s: float
+    """[s] From a rear bumper to the next front bumper."""
+    start_share: float = 1.0
+    """Speed at the start as a share of what road and bends allow there."""
+    goal_m: float = GOAL_M
+    """[m] From `at_m` to the goals."""
+    delay_s: float = 0.0
+    """[s] That each loses before it is there, e.g. at a stop sign."""
+
+
+def build_columns(roads: RoadMap, columns: Iterable[CavColumn]) -> tuple[Ego, ...]:
+    """Return the CAVs of all columns, with ids "0", "1", ... in their order; as many as have room on the lanes.
+
+    Raises NoRoomError for a column with no room for its first CAV.
+    """
+    egos: list[Ego] = []
+    for column in columns:
+        timing = compute_timing(roads, column.lanes)
+        goal_m = min(column.at_m + column.goal_m, compute_chain_length(roads, column.lanes) - RIM_M)
+        first_s = max(column.due_s - column.delay_s, LEAST_LEAD_S)
+        pitch_s = column.headway_s + CAR.length / max(timing.find_speed(column.at_m), SLOW_MPS)
+        for k in range(column.count):
+            lead_s = first_s + k * pitch_s
+            start_m = timing.find_start(column.at_m, lead_s)
+            if start_m < RIM_M:
+                if k == 0:
+                    raise NoRoomError(
+                        f"lanes {column.lanes[0]}: expected room for a CAV {lead_s:.1f} s ahead, found none"
+                    )
+                break
+            start_speed = timing.find_speed(start_m) * column.start_share
+            egos.append(build_cav(roads, str(len(egos)), column.lanes, (start_m, goal_m), start_speed))
+    return tuple(egos)
+
+
+def build_due_vehicle(
+    roads: RoadMap, name: str, model: str, way: tuple[Lanes, float], due_s: float, speed: float, **more: object
+) -> Actor:
+    """Return a vehicle that is not connected, yields to nothing and reaches a station of a chain of lanes after
+    `due_s`, at a constant speed [m/s]; it starts where the lanes begin if they are too short.
+
+    way: lanes and the station [m] at which it is due.
+    """
+    lanes, at_m = way
+    start_m = max(at_m - speed * due_s, BODY_SIZES[model][0] / 2 + 1.0)
+    return build_driving_actor(roads, name, model, (lanes, start_m, speed), **more)
+
+
+def build_waiting_vehicle(
+    roads: RoadMap,
+    name: str,
+    model: str,
+    way: tuple[Lanes, float],
+    cav: Ego,
+    meeting: tuple[float, float],
+    speed: float,
+) -> Actor:
+    """Return a vehicle that is not connected, stands where its lanes begin, and sets off so that it reaches a station
+    of them when a CAV is due at a place of its route.
+
+    way: lanes and the station [m] at which it is due. meeting: distance [m] of the place along the CAV's route, and
+    mean speed [m/s] of the CAV on the way there.
+    """
+    lanes, at_m = way
+    start_m = BODY_SIZES[model][0] / 2 + 1.0
+    needed_s = (at_m - start_m) / speed + speed / (2 * ACCELERATION)
+    trigger = build_arrival_trigger(cav, meeting[0] - needed_s * meeting[1])
+    return build_driving_actor(roads, name, model, (lanes, start_m, speed), trigger=trigger, action=StartMotion())
+
+
+def build_queued_vehicle(
+    roads: RoadMap, name: str, model: str, way: JunctionWay, at_m: float, sets_off_s: float
+) -> Actor:
+    """Return a vehicle that stands in a queue, its middle at a station [m] of a way, until it moves on."""
+    drive = (way.lanes, at_m, QUEUE_MPS)
+    return build_driving_actor(roads, name, model, drive, trigger=TimeTrigger(at_s=sets_off_s), action=StartMotion())
+
+
+def build_masts(roads: RoadMap, conflict: JunctionConflict, values: Values) -> tuple[RoadsideUnit, ...]:
+    """Return a roadside unit above a junction where `mast` is 0.5 or more."""
+    if values["mast"] < 0.5:
+        return ()
+    return (build_mast("rsu", compute_pose(roads, conflict.own.lanes, conflict.own_m, MAST_M)),)
+
+
+def build_traffic_on(
+    roads: RoadMap,
+    ways: Sequence[JunctionWay],
+    per_hour: float,
+    seed: str,
+    users: Sequence[Ego | Actor],
+) -> tuple[BackgroundVehicle, ...]:
+    """Return reactive traffic along ways, each with that many vehicles an hour."""
+    flows = [TrafficFlow(way.lanes, per_hour, CARS) for way in ways]
+    return build_flows(roads, flows, seed, users)

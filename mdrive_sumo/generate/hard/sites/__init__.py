@@ -1,0 +1,1 @@
+"""Sites of the hard tier's families on a road map, found by geometry and right of way."""
