@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
-from mdrive_sumo.generate.hard import blind_platoons
+from mdrive_sumo.generate.hard import families_crossings, families_junctions
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 
-_ALL: tuple[ScenarioFamily, ...] = (blind_platoons.FAMILY,)
+_ALL: tuple[ScenarioFamily, ...] = (*families_crossings.FAMILIES, *families_junctions.FAMILIES)
 
 FAMILIES: Mapping[str, ScenarioFamily] = {family.category: family for family in _ALL}
