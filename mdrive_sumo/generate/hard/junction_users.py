@@ -35,7 +35,7 @@ GOAL_M = 45.0
 SLOW_MPS = 4.0
 """[m/s] Least speed of a car in a bend of a junction by which its place in a column is reckoned."""
 LEAST_LEAD_S = 1.5
-"""[s] A column that would be due earlier has no room: nobody could react."""
+"""[s] A column that would be due earlier has no room: a driver could not react."""
 
 
 @dataclass(frozen=True, slots=True)
