@@ -157,7 +157,7 @@ def test_the_shares_of_the_situations_add_up() -> None:
 
 @pytest.mark.slow
 def test_no_packaged_scenario_is_a_duplicate() -> None:
-    packaged = [scenario for suite in ("mdrive", "hard") for scenario in load_suite(suite).scenarios]
+    packaged = [scenario for suite in ("mdrive@0", "hard@0") for scenario in load_suite(suite).scenarios]
     assert not any(is_for_training(scenario.network) for scenario in packaged)
     checksums = [load_road_map(folder).checksum for folder in list_packaged_networks().values()]
     assert len(set(checksums)) == len(checksums)

@@ -134,7 +134,7 @@ def test_one_command_drives_all_and_a_second_one_nothing(calls: list[tuple[str, 
         (("--seasons", "0,,1"), "expected numbers, ranges and folders, found '0,,1'"),
         (("--seasons", "1,1"), "expected each once, found 1 twice"),
         (("--seasons", "nowhere"), "suite 'nowhere': expected a folder or one of"),
-        (("--suite", "hard"), "expected one of interdrive, interaction, v2xpnp, mdrive, found 'hard'"),
+        (("--suite", "mine"), "expected one of hard, interdrive, interaction, v2xpnp, mdrive, mdrive-40, found 'mine'"),
         (("--suite", "mdrive@1"), "found 'mdrive@1'"),
     ],
 )
