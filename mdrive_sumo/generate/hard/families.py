@@ -2,9 +2,14 @@
 
 from collections.abc import Mapping
 
-from mdrive_sumo.generate.hard import families_crossings, families_junctions
+from mdrive_sumo.generate.hard import driveway_exits, families_crossings, families_junctions, step_out_families
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 
-_ALL: tuple[ScenarioFamily, ...] = (*families_crossings.FAMILIES, *families_junctions.FAMILIES)
+_ALL: tuple[ScenarioFamily, ...] = (
+    *families_crossings.FAMILIES,
+    *families_junctions.FAMILIES,
+    *step_out_families.FAMILIES,
+    *driveway_exits.FAMILIES,
+)
 
 FAMILIES: Mapping[str, ScenarioFamily] = {family.category: family for family in _ALL}

@@ -2,21 +2,17 @@
 
 import random
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_actor, build_parked_vehicle
-from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_lane_pose, compute_pose, find_lane_start
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_lane_pose, compute_pose
 from mdrive_sumo.worlds.placement.occupancy import select_lanes_near
 
-KERB_ROW_M = 2.8
-"""[m] From the centre of the rightmost lane to that of the parking lane beside it: half of 3.3 m and half of 2.3 m."""
-PAVEMENT_M = 4.75
-"""[m] From the centre of the rightmost lane to the pavement beyond the parking lane."""
-JUNCTION_GAP_M = 14.0
-"""[m] No vehicle parks closer to the end of a lane."""
+BUMPER_M = 1.0
+"""[m] Between the vehicle that hides someone and the one before it."""
 WALK_GAP_M = 0.32
 """[m] From the side of a crossing pedestrian's path to the parked vehicle that hides it."""
 SHORT_ROW_M = 8.0
@@ -62,45 +58,35 @@ def build_parked_row(roads: RoadMap, row: ParkedRow, seed: str, prefix: str) -> 
 
 @dataclass(frozen=True, slots=True)
 class FreePlace:
-    """A stretch [m] without parked vehicles along a chain; `model` stands directly before it and hides who is there."""
+    """A stretch [m] without parked vehicles along a chain."""
 
     begin_m: float
     end_m: float
     model: str = "van"
+    """Stands directly before it and hides who is there; "": nothing does."""
 
 
 def build_kerbside(
-    roads: RoadMap, lanes: Lanes, places: Sequence[FreePlace], between: tuple[float, float], seed: str
+    roads: RoadMap, rows: Sequence[ParkedRow], places: Sequence[FreePlace], seed: str, prefix: str
 ) -> list[Actor]:
-    """Return the vehicles parked to the right of a chain between two stations [m], except in the free places.
+    """Return the vehicles of the parked rows of one chain of lanes, except in the free places, with that prefix of ids.
 
-    Ids begin with the id of the chain's first lane.
+    A place without `model` has no vehicle of its own directly before it.
     """
     made: list[Actor] = []
+    taken: list[tuple[float, float]] = []
     for i, place in enumerate(places):
-        length = BODY_SIZES[place.model][0]
-        pose = compute_pose(roads, lanes, place.begin_m - WALK_GAP_M - length / 2, -KERB_ROW_M)
-        made.append(build_parked_vehicle(f"{lanes[0]}.hides{i}", place.model, pose, mirrored=False))
-    taken = [(p.begin_m - WALK_GAP_M - BODY_SIZES[p.model][0] - 1.0, p.end_m) for p in places]
-    for k, (begin, end) in enumerate(_find_kerbs(roads, lanes, between)):
-        for j, (first, last) in enumerate(_cut_out(begin, end, taken)):
-            row = ParkedRow(lanes, (first, last), -KERB_ROW_M)
-            made += build_parked_row(roads, row, seed, f"{lanes[0]}.row{k}.{j}.")
+        row = next((row for row in rows if row.between[0] <= place.begin_m <= row.between[1]), None)
+        taken.append((place.begin_m, place.end_m))
+        if place.model and row is not None:
+            length = BODY_SIZES[place.model][0]
+            pose = compute_pose(roads, row.lanes, place.begin_m - WALK_GAP_M - length / 2, row.offset)
+            made.append(build_parked_vehicle(f"{prefix}hides{i}", place.model, pose, mirrored=False))
+            taken[-1] = (place.begin_m - WALK_GAP_M - length - BUMPER_M, place.end_m)
+    for k, row in enumerate(rows):
+        for j, part in enumerate(_cut_out(*row.between, taken)):
+            made += build_parked_row(roads, replace(row, between=part), seed, f"{prefix}{k}.{j}.")
     return made
-
-
-def _find_kerbs(roads: RoadMap, lanes: Lanes, between: tuple[float, float]) -> list[tuple[float, float]]:
-    """Return the stretches [m] of a chain at which vehicles may park."""
-    kerbs: list[tuple[float, float]] = []
-    for lane in (roads.lanes[id_] for id_ in lanes if not roads.lanes[id_].junction):
-        begin = find_lane_start(roads, lanes, lane.id)
-        kerb = (
-            max(begin + JUNCTION_GAP_M, between[0]),
-            min(begin + lane.centre.length - JUNCTION_GAP_M, between[1]),
-        )
-        if kerb[1] - kerb[0] > SHORT_ROW_M:
-            kerbs.append(kerb)
-    return kerbs
 
 
 def _cut_out(begin: float, end: float, taken: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

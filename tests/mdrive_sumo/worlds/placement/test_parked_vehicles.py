@@ -8,7 +8,6 @@ from mdrive_sumo.scenario.start_boxes import build_user_box
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, find_station
 from mdrive_sumo.worlds.placement.parked_vehicles import (
-    KERB_ROW_M,
     WALK_GAP_M,
     FreePlace,
     ParkedRow,
@@ -30,7 +29,7 @@ def span(roads: RoadMap, lanes: Lanes, one: Actor) -> tuple[float, float]:
 @pytest.mark.parametrize(("occupied", "least", "most"), [(1.0, 13, 30), (0.5, 4, 20), (0.0, 0, 0)])
 def test_a_row_lies_between_its_ends_and_its_vehicles_do_not_touch(occupied: float, least: int, most: int) -> None:
     roads, lanes = load_chain()
-    row = build_parked_row(roads, ParkedRow(lanes, (30.0, 130.0), -KERB_ROW_M, 0.3, occupied), "seed", "r")
+    row = build_parked_row(roads, ParkedRow(lanes, (30.0, 130.0), -2.8, 0.3, occupied), "seed", "r")
     assert least <= len(row) <= most
     spans = [span(roads, lanes, one) for one in row]
     assert all(begin >= 29.9 and end <= 130.1 for begin, end in spans)
@@ -42,10 +41,13 @@ def test_a_row_lies_between_its_ends_and_its_vehicles_do_not_touch(occupied: flo
 def test_a_free_place_stays_free_and_a_bus_hides_it() -> None:
     roads, lanes = load_chain()
     place = FreePlace(80.0, 92.0, "bus")
-    parked = build_kerbside(roads, lanes, [place], (20.0, 140.0), "seed")
-    hiding = [one for one in parked if ".hides" in one.id]
+    crossed = FreePlace(110.0, 116.0, "")
+    row = ParkedRow(lanes, (20.0, 140.0), -2.8)
+    parked = build_kerbside(roads, [row], [place, crossed], "seed", "row")
+    hiding = [one for one in parked if "hides" in one.id]
     assert [one.length for one in hiding] == [BODY_SIZES["bus"][0]]
     assert span(roads, lanes, hiding[0])[1] == pytest.approx(80.0 - WALK_GAP_M, abs=0.05)
     for begin, end in (span(roads, lanes, one) for one in parked):
         assert end <= 80.0 or begin >= 92.0 - 0.05
+        assert end <= 110.05 or begin >= 116.0 - 0.05
     assert len(parked) > 5
