@@ -69,7 +69,7 @@ def gain_markdown(about: StudyDescription, rows: Sequence[GainRow], summary: Gai
         format_markdown(build_gain_table(summary)),
         describe_comparisons([line.gain[metric] for line in summary.gains for metric in METRICS]),
         "The scores behind it:",
-        format_markdown(_build_score_table(summary)),
+        format_markdown(build_score_table(summary)),
     )
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -101,7 +101,8 @@ def build_gain_table(summary: GainSummary) -> Table:
     return Table("gain", "What sharing gains", columns, tuple(rows))
 
 
-def _build_score_table(summary: GainSummary) -> Table:
+def build_score_table(summary: GainSummary) -> Table:
+    """Return a row for each group and cell."""
     columns = (
         *make_text_columns({"scenarios": "scenarios", "sensing": "sensing", "agent": "agent"}),
         *(make_interval_column(metric, metric.upper()) for metric in METRICS),

@@ -1,0 +1,132 @@
+"""Published tables and the values behind them: what pages show is what files give, and unusable files."""
+
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+from testing.paths import ROOT
+from testing.study_samples import make_run, make_scenario
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.tables import format_markdown
+from mdrive_sumo.scoring import Results, load_unchecked_results, save_results
+from mdrive_sumo.sensing.sensing_profile import SensingProfile
+from mdrive_sumo.study.gain import AGENTS, GainRow, summarise_gain
+from mdrive_sumo.study.gain_files import build_gain_table
+from tools import write_published_tables
+from tools.published_values import read_values, write_values
+from tools.write_published_tables import TABLES, fill_page, find_pages
+
+PLACES = 12
+
+
+def drive(agent: str, ds: float, seed: int = 0, **facts: object) -> Results:
+    """A run of two scenarios on each of twelve places."""
+    scenarios = [
+        make_scenario(f"{place}_{i}", ds + place / 4 + seed, seed).model_copy(update={"place": f"place{place}"})
+        for place in range(PLACES)
+        for i in range(2)
+    ]
+    return make_run(*scenarios, **({"agent": agent, "sensing": "realistic"} | facts))
+
+
+def list_gain_runs() -> list[Results]:
+    return [
+        drive(agent, 60.0 + 5 * i + 2 * j, seed, sensing=str(sensing))
+        for j, sensing in enumerate(SensingProfile)
+        for i, agent in enumerate(AGENTS)
+        for seed in (0, 1)
+    ]
+
+
+def test_pages_show_what_their_files_give() -> None:
+    pages = find_pages(ROOT)
+    assert pages or not (ROOT / write_published_tables.VALUES).is_dir(), "a file of values has a page"
+    for page in pages:
+        text = (ROOT / page).read_text("utf-8")
+        assert fill_page(text, ROOT, str(page)) == text, f"{page}: python -m tools.write_published_tables"
+
+
+def test_scores_and_settings_come_back_with_six_decimals(tmp_path: Path) -> None:
+    runs = [drive("idm", 61.123456), drive("single", 70.0, 1)]
+    write_values(tmp_path / "a.parquet", runs)
+    found = read_values(tmp_path / "a.parquet")
+    assert [one.run for one in found] == [one.run for one in runs]
+    assert [one.overall for one in found] == [one.overall for one in runs]
+    names = ("id", "seed", "place", "bucket", "status", "ds", "sr", "rc", "ip", "time_ratio", "efficient_sr")
+    assert [[getattr(one, name) for name in names] for run in found for one in run.scenarios] == [
+        [getattr(one, name) for name in names] for run in runs for one in run.scenarios
+    ]
+    assert pq.read_table(tmp_path / "a.parquet").column("agent").to_pylist()[0] == "idm", "any reader shows it"
+
+
+@pytest.fixture
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A project with one page, whose tables are not written yet."""
+    (tmp_path / "docs").mkdir()
+    marks = "\n".join(
+        f"<!-- values:gain:{name}:begin -->\nold\n<!-- values:gain:{name}:end -->" for name in ("gain", "gain-scores")
+    )
+    (tmp_path / "docs" / "page.md").write_text(f"# Page\n\n{marks}\n\nText.\n")
+    monkeypatch.setattr(write_published_tables, "ROOT", tmp_path)
+    monkeypatch.setattr(write_published_tables, "load_results", load_unchecked_results)  # made without CAVs
+    return tmp_path
+
+
+def write(*words: object) -> str:
+    ended = CliRunner().invoke(write_published_tables.main, [*map(str, words)])
+    return f"{ended.exit_code} {ended.output}"
+
+
+def test_the_command_collects_runs_and_writes_the_tables_that_the_study_writes(root: Path) -> None:
+    runs = list_gain_runs()
+    for i, results in enumerate(runs):
+        (root / "runs" / str(i)).mkdir(parents=True)
+        save_results(results, root / "runs" / str(i) / "results.json")
+    assert write("--values", "gain", root / "runs").startswith("0 changed: docs/page.md")
+    text = (root / "docs" / "page.md").read_text()
+    rows = [GainRow(SensingProfile(runs[i].run.conditions["sensing"]), runs[i].run.agent, tuple(runs[i : i + 2]))
+            for i in range(0, len(runs), 2)]  # fmt: skip
+    assert format_markdown(build_gain_table(summarise_gain(rows))) in text
+    assert "Of 8 differences" in text and text.endswith("Text.\n") and "old" not in text
+    assert write() == "0 ", "written once, nothing changes"
+
+
+@pytest.mark.parametrize("name", [name for name in TABLES if not name.startswith("gain")])
+def test_each_kind_of_table_is_made_of_values(name: str, tmp_path: Path) -> None:
+    runs = [
+        drive(agent, ds + int(season), suite=f"mdrive@{season}", suite_checksum=f"sha256:{season}")
+        for season in (("1", "2") if name.startswith("seasons") else ("1",))
+        for agent, ds in (("idm", 60.0), ("single", 70.0))
+    ]
+    write_values(tmp_path / "x.parquet", runs)
+    table = TABLES[name](read_values(tmp_path / "x.parquet"))
+    assert "idm" in table and table == TABLES[name](runs)
+
+
+def test_files_that_cannot_be_used_are_named(root: Path) -> None:
+    path = root / "docs/results/values/gain.parquet"
+    assert write().startswith("2 ") and "gain.parquet" in write()
+    write_values(path, list_gain_runs())
+    table = pq.read_table(path)
+    metadata = dict(table.schema.metadata)
+    pq.write_table(table.replace_schema_metadata(metadata | {b"format": b"mdrive-sumo/published-values/9"}), path)
+    with pytest.raises(InputError, match=r"gain.parquet: format: expected .*/1, found .*/9; `python -m tools"):
+        read_values(path)
+    pq.write_table(table.drop_columns(["place"]).replace_schema_metadata(metadata), path)
+    with pytest.raises(InputError, match="expected the columns run, agent"):
+        read_values(path)
+    pq.write_table(table.replace_schema_metadata(metadata | {b"runs": b"[{}]"}), path)
+    with pytest.raises(InputError, match="expected runs and scores of this version"):
+        read_values(path)
+    path.write_bytes(b"PAR1 no")
+    assert write().startswith("2 ") and "cannot be read" in write()
+
+
+def test_bad_arguments_are_one_sentence(root: Path) -> None:
+    assert "found one without the other" in write("--values", "gain")
+    assert "found no results.json below" in write("--values", "gain", root / "docs")
+    page = "<!-- values:gain:oops:begin -->\n<!-- values:gain:oops:end -->"
+    with pytest.raises(InputError, match=r"page.md: table: expected one of gain, .*, found oops"):
+        fill_page(page, root, "page.md")
