@@ -59,13 +59,16 @@ class RunsReport:
         return f'<iframe srcdoc="{page}" width="100%" height="{FRAME_HEIGHT_PX}" style="border: 0" sandbox></iframe>'
 
 
-def build_report(runs: Iterable[Run | str | Path], *, baseline: str = "", with_published: bool = False) -> RunsReport:
+def build_report(
+    runs: Iterable[Run | str | Path], *, baseline: str = "", with_published: bool = False, mix_seasons: bool = False
+) -> RunsReport:
     """Return a report over runs, given as `Run` or by their folders.
 
     baseline: name of the agent with which all others are compared; by default each is with each. with_published:
-    whether the main table has the paper's CARLA rows, set apart. Raises InputError for runs that cannot stand in one
+    whether the main table has the paper's CARLA rows, set apart. mix_seasons: whether runs of an agent in several
+    seasons are one line of a table; without it they are refused. Raises InputError for runs that cannot stand in one
     report.
     """
     folders = [folder for run in runs for folder in (run.folders if isinstance(run, Run) else (Path(run),))]
-    agents = make_compared_agents(load_report_runs(folders))
+    agents = make_compared_agents(load_report_runs(folders, mix_seasons=mix_seasons))
     return RunsReport(build_comparison_report(agents, baseline=baseline, with_published=with_published))

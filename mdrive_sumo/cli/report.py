@@ -31,25 +31,33 @@ from mdrive_sumo.runs.stored_run import load_viewed_run
     show_default=True,
     help="Write replays for the scores to lead to, as `view` does: where something was lost, all, none.",
 )
+@click.option("--mix-seasons", is_flag=True, help="Runs of an agent in several seasons are one line of a table.")
 @click.option("--suite", metavar="NAME|DIR", help="Of --replays: where the runs' suite is now, if it has moved.")
 def command(
-    runs: tuple[Path, ...], out: Path, baseline: str, with_published: bool, replays: str, suite: str | None
+    runs: tuple[Path, ...],
+    out: Path,
+    baseline: str,
+    with_published: bool,
+    replays: str,
+    mix_seasons: bool,
+    suite: str | None,
 ) -> None:
     """Write tables and figures over several runs.
 
     RUN is a folder written by `eval`, or a results file. All runs have one suite, set of scenarios, score mode and
     version. Runs of an agent that differ in their seeds only are one line of a table; those with other settings have
-    lines of their own, named by what differs (--baseline takes these names).
+    lines of their own, named by what differs (--baseline takes these names). Runs of several seasons are refused unless
+    --mix-seasons is given.
 
     --out gets report.html (one file, for any browser), report.md, every table as csv/NAME.csv and latex/NAME.tex (for
     \\input, with booktabs), every figure as SVG and PNG. The best three of a column are marked as in the paper;
     privileged agents and published rows are never ranked. Differences are paired by scenario and seed, each with a
-    95 % bootstrap interval.
+    95 % interval; how many remain after a correction for their number is said below.
 
     A score of a scenario leads to its replay in RUN/view, where `view` or --replays has written one.
     """
     check_new_folder(out)
-    agents = make_compared_agents(load_report_runs(runs))
+    agents = make_compared_agents(load_report_runs(runs, mix_seasons=mix_seasons))
     command_line = hide_command(get_command_line(), Path.cwd())
     report = build_comparison_report(agents, baseline=baseline, with_published=with_published, command=command_line)
     _write_replays(runs, ReplaySelection(replays), suite)

@@ -1,5 +1,7 @@
 """Load the runs of a report and check that their numbers can stand in one table."""
 
+import hashlib
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,10 +10,11 @@ from typing import Any, Self
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.runs.run_folder import load_run_results
-from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, list_settings
-from mdrive_sumo.scenario.season import SEASON_REMEDY, check_one_season
+from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, compare_settings, list_settings
+from mdrive_sumo.scenario.season import SEASON_REMEDY, check_one_season, split_suite_name
 from mdrive_sumo.scoring import Results, load_results, summarize_run
 
+MIX_REMEDY = f"--mix-seasons puts the seasons of an agent into one line, {SEASON_REMEDY}"
 VERSIONS_THAT_COUNT = ("mdrive-sumo", "libsumo")
 """Packages whose releases change results; Python and NumPy do not (docs/decisions/030)."""
 
@@ -35,13 +38,59 @@ class ReportRun:
         return cls(results, str(folder or results.run.agent), settings)
 
 
-def load_report_runs(places: Iterable[Path]) -> tuple[ReportRun, ...]:
-    """Load runs by their folders or results files. Raises InputError for what cannot stand in one report."""
+def load_report_runs(places: Iterable[Path], *, mix_seasons: bool = False) -> tuple[ReportRun, ...]:
+    """Load runs by their folders or results files. Raises InputError for what cannot stand in one report.
+
+    mix_seasons: runs of an agent that differ in their season only become one run, over all scenarios of them.
+    """
     listed = tuple(places)
     _check_places(listed)
-    runs = _keep_shared_scenarios(tuple(_load_run(place) for place in listed))
+    loaded = tuple(_load_run(place) for place in listed)
+    runs = _keep_shared_scenarios(merge_seasons(loaded) if mix_seasons else loaded)
     check_report_runs(runs)
     return runs
+
+
+def merge_seasons(runs: Sequence[ReportRun]) -> tuple[ReportRun, ...]:
+    """Return runs that differ in their season only as one. Raises InputError for a scenario that is in two of them."""
+    groups: list[list[ReportRun]] = []
+    for run in runs:
+        same = next((group for group in groups if _differ_in_season_only(group, run)), None)
+        if same is None:
+            groups.append([run])
+        else:
+            same.append(run)
+    return tuple(_merge([*sorted(group, key=lambda run: run.results.run.suite)]) for group in groups)
+
+
+def _differ_in_season_only(group: Sequence[ReportRun], run: ReportRun) -> bool:
+    first = group[0].results.run
+    return (
+        not compare_settings(group[0].settings, run.settings)
+        and first.all_seeds == run.results.run.all_seeds
+        and split_suite_name(first.suite)[0] == split_suite_name(run.results.run.suite)[0]
+        and run.results.run.season not in {"", *(other.results.run.season for other in group)}
+    )
+
+
+def _merge(runs: Sequence[ReportRun]) -> ReportRun:
+    if len(runs) == 1:
+        return runs[0]
+    infos, scenarios = [run.results.run for run in runs], [one for run in runs for one in run.results.scenarios]
+    twice = [name for name, count in Counter(one.key for one in scenarios).items() if count > 1]
+    if twice:
+        raise InputError(f"report: expected scenarios of one season each, found {twice[0][0]} in {len(runs)} seasons")
+    seasons = ", ".join(info.season for info in infos)
+    checksums = " ".join(info.suite_checksum for info in infos)
+    about = {
+        "suite": f"{split_suite_name(infos[0].suite)[0]}, seasons {seasons}",
+        "suite_checksum": f"sha256:{hashlib.sha256(checksums.encode()).hexdigest()}",
+    }
+    planned = sum(run.results.planned or len(run.results.scenarios) for run in runs)
+    merged = summarize_run(infos[0].model_copy(update=about), scenarios)
+    if any(run.results.planned is not None for run in runs):
+        merged = merged.model_copy(update={"planned": planned})
+    return ReportRun(merged, ", ".join(run.place for run in runs), runs[0].settings)
 
 
 def _keep_shared_scenarios(runs: Sequence[ReportRun]) -> tuple[ReportRun, ...]:
@@ -71,7 +120,7 @@ def check_report_runs(runs: Sequence[ReportRun]) -> None:
     for run in runs:
         if not run.results.scenarios:
             raise InputError(f"{run.place}: scenarios: expected at least one, found none")
-    check_one_season("report", {run.place: run.results.run.suite for run in runs}, SEASON_REMEDY)
+    check_one_season("report", {run.place: run.results.run.suite for run in runs}, MIX_REMEDY)
     _check_shared(runs, "suite", [run.results.run.describe_suite() for run in runs])
     _check_shared(runs, "score mode", [run.results.run.score_mode for run in runs])
     _check_shared(runs, "version", [_describe_versions(run) for run in runs])

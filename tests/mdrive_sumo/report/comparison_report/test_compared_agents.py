@@ -18,7 +18,7 @@ from mdrive_sumo.report.comparison_report.compared_agent import (
 )
 from mdrive_sumo.report.comparison_report.comparison_report import build_comparison_report
 from mdrive_sumo.report.comparison_report.provenance_table import list_warnings
-from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
+from mdrive_sumo.report.comparison_report.report_runs import ReportRun, load_report_runs, merge_seasons
 from mdrive_sumo.report.comparison_report.scenario_tables import build_category_table
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
 from mdrive_sumo.report.comparison_report.write_comparison_report import format_report_markdown
@@ -158,8 +158,32 @@ def test_runs_that_do_not_belong_together_are_refused(other: Results, sentence: 
 def test_runs_of_two_seasons_are_refused() -> None:
     """Results that name no season are of season 0."""
     runs = [make_agent_run("a", BEST, suite="mdrive"), make_agent_run("b", BEST, suite="mdrive@1")]
-    with pytest.raises(InputError, match=r"one season, found mdrive@0 in a and mdrive@1 in b; `mdrive-sumo study seas"):
+    with pytest.raises(InputError, match=r"one season, found mdrive@0 in a and mdrive@1 in b; --mix-seasons puts"):
         make_agents_of_results(runs)
+
+
+def make_season_run(agent: str, season: int, *, name: str = "") -> ReportRun:
+    """A run of a season, whose scenarios are others than those of other seasons unless a name is given."""
+    results = make_agent_run(
+        agent, BEST, suite=f"mdrive@{season}" if season else "mdrive", suite_checksum=f"sha256:{season}"
+    )
+    ids = {one.id: f"{name or season}_{one.id}" for one in results.scenarios}
+    scenarios = tuple(one.model_copy(update={"id": ids[one.id]}) for one in results.scenarios)
+    return ReportRun.from_results(results.model_copy(update={"scenarios": scenarios}))
+
+
+def test_runs_of_two_seasons_are_one_line_if_asked_for() -> None:
+    runs = [make_season_run(agent, season) for season in (1, 0) for agent in ("a", "b")]
+    merged = merge_seasons(runs)
+    assert [run.results.run.suite for run in merged] == ["mdrive, seasons 0, 1"] * 2
+    assert len({run.results.run.suite_checksum for run in merged}) == 1
+    agents = make_compared_agents(merged)
+    assert [agent.name for agent in agents] == ["a", "b"]
+    assert len(agents[0].results.scenarios) == 2 * len(runs[0].results.scenarios)
+    with pytest.raises(InputError, match="one suite, found mdrive, seasons 0, 1 .* and mdrive@0"):
+        make_compared_agents(merge_seasons([*runs[:1], *runs[2:]]))
+    with pytest.raises(InputError, match="scenarios of one season each, found same_.* in 2 seasons"):
+        merge_seasons([make_season_run("a", 0, name="same"), make_season_run("a", 1, name="same")])
 
 
 def test_runs_of_different_python_belong_together() -> None:
