@@ -16,8 +16,8 @@ import click
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.core.output_files import write_text
-from mdrive_sumo.core.statistics import describe_comparisons
-from mdrive_sumo.core.tables import Table, format_markdown
+from mdrive_sumo.core.statistics import Verdict, describe_comparisons
+from mdrive_sumo.core.tables import format_markdown
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
 from mdrive_sumo.report.comparison_report.difference_tables import build_difference_table, compute_differences
@@ -25,8 +25,8 @@ from mdrive_sumo.report.comparison_report.score_tables import build_bucket_table
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.scoring import Results, load_results
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
-from mdrive_sumo.study.gain import METRICS, GainRow, summarise_gain
-from mdrive_sumo.study.gain_files import build_gain_table, build_score_table
+from mdrive_sumo.study.gain import METRICS, GainRow, GainSummary, summarise_gain
+from mdrive_sumo.study.gain_files import build_gain_table, build_score_table, judge_gains
 from mdrive_sumo.study.seasons import SeasonRow, summarise_seasons
 from mdrive_sumo.study.seasons_files import build_seasons_table
 from tools.published_values import read_values, write_values
@@ -35,6 +35,8 @@ from tools.tool_command import HELP, ToolCommand, dry_run_option
 ROOT = Path(__file__).parents[1]
 DOCS, VALUES = Path("docs"), Path("docs/results/values")
 MARK = re.compile(r"(<!-- values:([\w-]+):([\w-]+):begin -->\n).*?(<!-- values:\2:\3:end -->)", re.DOTALL)
+NOT_KEPT = "The values of these runs were not kept"
+"""What a marked table says that is older than its file."""
 Runs = Sequence[Results]
 
 
@@ -46,11 +48,9 @@ def _group_runs(runs: Runs, name: Callable[[Results], str]) -> Mapping[tuple[str
     return {key: tuple(found) for key, found in groups.items()}
 
 
-def _list_gain_tables(runs: Runs) -> tuple[Table, Table, str]:
+def _summarise_gain(runs: Runs) -> GainSummary:
     groups = _group_runs(runs, lambda results: str(results.run.conditions["sensing"]))
-    summary = summarise_gain([GainRow(SensingProfile(key[1]), key[0], found) for key, found in groups.items()])
-    counted = describe_comparisons([line.gain[metric] for line in summary.gains for metric in METRICS])
-    return build_gain_table(summary), build_score_table(summary), counted
+    return summarise_gain([GainRow(SensingProfile(key[1]), key[0], found) for key, found in groups.items()])
 
 
 def _format_seasons(runs: Runs, metric: str) -> str:
@@ -61,8 +61,22 @@ def _format_seasons(runs: Runs, metric: str) -> str:
 
 
 def _format_gain(runs: Runs) -> str:
-    table, _, counted = _list_gain_tables(runs)
-    return f"{format_markdown(table)}\n\n{counted}"
+    summary = _summarise_gain(runs)
+    verdicts = judge_gains(summary)
+    shown = [
+        f"{line.part.name} in {line.group} ({metric.upper()} {line.gain[metric].mean:+.1f})"
+        for metric in METRICS
+        for line, verdict in zip(summary.gains, verdicts[metric], strict=True)
+        if verdict in (Verdict.GAIN, Verdict.LOSS)
+    ]
+    counted = describe_comparisons([line.gain[metric] for line in summary.gains for metric in METRICS])
+    facts = f"Measured on {runs[0].run.describe_suite()}, seeds {', '.join(map(str, _list_seeds(runs)))}."
+    claims = f"Shown after correction, for DS and SR apart, and nothing beyond: {', '.join(shown) or 'nothing'}."
+    return "\n\n".join(filter(None, (facts, format_markdown(build_gain_table(summary)), counted, claims)))
+
+
+def _list_seeds(runs: Runs) -> list[int]:
+    return sorted({seed for results in runs for seed in results.run.all_seeds})
 
 
 def _format_differences(runs: Runs) -> str:
@@ -72,7 +86,7 @@ def _format_differences(runs: Runs) -> str:
 
 TABLES: Mapping[str, Callable[[Runs], str]] = {
     "gain": _format_gain,
-    "gain-scores": lambda runs: format_markdown(_list_gain_tables(runs)[1]),
+    "gain-scores": lambda runs: format_markdown(build_score_table(_summarise_gain(runs))),
     "seasons-ds": lambda runs: _format_seasons(runs, "ds"),
     "seasons-sr": lambda runs: _format_seasons(runs, "sr"),
     "scores": lambda runs: format_markdown(build_bucket_table(make_agents_of_results(runs))),
@@ -88,6 +102,8 @@ def fill_page(text: str, root: Path, page: str) -> str:
         begin, name, table, end = match.groups()
         if table not in TABLES:
             raise InputError(f"{page}: table: expected one of {', '.join(TABLES)}, found {table}")
+        if not (root / VALUES / f"{name}.parquet").is_file() and NOT_KEPT in match[0]:
+            return match[0]
         return f"{begin}\n{TABLES[table](read_values(root / VALUES / f'{name}.parquet'))}\n\n{end}"
 
     return MARK.sub(fill, text)

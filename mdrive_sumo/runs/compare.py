@@ -160,7 +160,7 @@ def _compute_interval(
 ) -> ConfidenceInterval | None:
     """Return B - A over the pairs in which both are defined; None without one."""
     defined = [(b - a, label) for (a, b), label in zip(values, labels, strict=True) if a is not None and b is not None]
-    return bootstrap_nested(*zip(*defined, strict=True)) if defined else None
+    return bootstrap_nested([one for one, _ in defined], [label for _, label in defined]) if defined else None
 
 
 def _find_warnings(a: Results, b: Results) -> list[str]:

@@ -84,7 +84,7 @@ def test_the_command_collects_runs_and_writes_the_tables_that_the_study_writes(r
     for i, results in enumerate(runs):
         (root / "runs" / str(i)).mkdir(parents=True)
         save_results(results, root / "runs" / str(i) / "results.json")
-    assert write("--values", "gain", root / "runs").startswith("0 changed: docs/page.md")
+    assert write("--values", "gain", root / "runs").startswith(f"0 changed: {Path('docs', 'page.md')}")
     text = (root / "docs" / "page.md").read_text()
     rows = [GainRow(SensingProfile(runs[i].run.conditions["sensing"]), runs[i].run.agent, tuple(runs[i : i + 2]))
             for i in range(0, len(runs), 2)]  # fmt: skip
@@ -103,6 +103,15 @@ def test_each_kind_of_table_is_made_of_values(name: str, tmp_path: Path) -> None
     write_values(tmp_path / "x.parquet", runs)
     table = TABLES[name](read_values(tmp_path / "x.parquet"))
     assert "idm" in table and table == TABLES[name](runs)
+
+
+def test_a_table_that_is_older_than_its_file_says_so(root: Path) -> None:
+    page = "<!-- values:gain:gain:begin -->\nThe values of these runs were not kept.\n<!-- values:gain:gain:end -->"
+    assert fill_page(page, root, "page.md") == page
+    write_values(root / "docs/results/values/gain.parquet", list_gain_runs())
+    text = fill_page(page, root, "page.md")
+    assert "not kept" not in text and "Shown after correction, for DS and SR apart" in text
+    assert "total in InterDrive (DS +10.0)" in text and "seeds 0, 1." in text
 
 
 def test_files_that_cannot_be_used_are_named(root: Path) -> None:

@@ -180,9 +180,9 @@ def test_runs_of_two_seasons_are_one_line_if_asked_for() -> None:
     agents = make_compared_agents(merged)
     assert [agent.name for agent in agents] == ["a", "b"]
     assert len(agents[0].results.scenarios) == 2 * len(runs[0].results.scenarios)
-    with pytest.raises(InputError, match="one suite, found mdrive, seasons 0, 1 .* and mdrive@0"):
+    with pytest.raises(InputError, match=r"one suite, found mdrive, seasons 0, 1 .* and mdrive@0"):
         make_compared_agents(merge_seasons([*runs[:1], *runs[2:]]))
-    with pytest.raises(InputError, match="scenarios of one season each, found same_.* in 2 seasons"):
+    with pytest.raises(InputError, match=r"scenarios of one season each, found same_.* in 2 seasons"):
         merge_seasons([make_season_run("a", 0, name="same"), make_season_run("a", 1, name="same")])
 
 
