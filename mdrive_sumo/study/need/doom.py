@@ -13,6 +13,9 @@ from mdrive_sumo.study.need.message_lead import Witnesses
 from mdrive_sumo.study.need.occluders import BIN_TICKS
 from mdrive_sumo.study.need.sight_tables import SightTables
 
+RECENT_TICKS = 20
+"""What was seen is most often seen in the last second, so that is looked at first."""
+
 
 @dataclass(frozen=True)
 class DoomTest:
@@ -68,8 +71,16 @@ class DoomTest:
     def _find_seen(self, state: ApproachState, number: int, ticks: Int) -> Bool:
         """Return (X,) whether the CAV may have seen the road user before."""
         latest = (number + 1) * BIN_TICKS - 1
-        lags = np.arange(latest + 1)
-        begin, end = self._find_past_stretches(state, lags, latest)
+        recent = np.arange(min(RECENT_TICKS, latest + 1))
+        seen = self._find_seen_at(state, number, ticks, recent)
+        if latest >= RECENT_TICKS and not seen.all():
+            earlier = np.arange(RECENT_TICKS, latest + 1)
+            seen[~seen] = self._find_seen_at(state, number, ticks[~seen], earlier)
+        return seen
+
+    def _find_seen_at(self, state: ApproachState, number: int, ticks: Int, lags: Int) -> Bool:
+        """Return (X,) the same of some ticks (L,) before the state."""
+        begin, end = self._find_past_stretches(state, lags, (number + 1) * BIN_TICKS - 1)
         times = ticks[:, None] - lags
         cells = self.tables.find_cells(times)
         exists = np.ones_like(times, dtype=np.bool_) if self._is_there_at_start else times >= self.tables.first_tick

@@ -6,7 +6,7 @@ behind eroded occluders is hidden from everywhere within e.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -112,6 +112,12 @@ class StandingVehicles:
         return np.stack([np.round(v[ticks][:, self.columns], d) for v, d in zip(values, (2, 2, 3), strict=True)])
 
 
+@lru_cache(maxsize=64)
+def make_box_table(boxes: tuple[SightBox, ...]) -> Float:
+    """Return (5, K) boxes as columns of x, y, yaw, length and width. Cached: the same targets are looked at often."""
+    return np.array(boxes, dtype=np.float64).reshape(-1, 5).T
+
+
 @dataclass(frozen=True)
 class StandingOccluders:
     """The occluders between a pair of road users."""
@@ -180,7 +186,7 @@ class StandingOccluders:
             for box in occluders
             if min(box.length, box.width) > 2.0 * erosion
         ]
-        columns = np.array([*targets, *left], dtype=np.float64).reshape(-1, 5).T
+        columns = np.concatenate((make_box_table(targets), make_box_table(tuple(left))), axis=1)
         kinds = np.array([Kind.PEDESTRIAN] * len(targets) + [Kind.VEHICLE] * len(left), dtype=np.uint8)
         x, y, yaw, length, width = columns
         boxes = Objects(("",) * len(kinds), kinds, x, y, yaw, np.zeros(len(kinds)), length, width)

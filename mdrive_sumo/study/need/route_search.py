@@ -22,6 +22,11 @@ MOST_BINS = 10
 good."""
 
 
+ROUND_S, MOST_ROUNDS = 0.5, 16
+"""A search first looks for ways that are hardly later than on a free road, and spares to judge the states of others;
+after some rounds it looks for all. Chosen by time: half a second is about what one conflict costs."""
+
+
 class WayPoint(NamedTuple):
     """Where a drive passes a station."""
 
@@ -131,9 +136,9 @@ def find_safe_arrival(grid: SpeedGrid, zones: Sequence[ZoneStates]) -> SafeArriv
     """
     chosen: list[ZoneStates] = []
     left = list(zones)
-    rows = [grid.start()]
+    search = _Search(grid, chosen)
     while True:
-        _search(grid, chosen, rows)
+        rows = search.run()
         arrival_s = float(rows[-1].min())
         if not math.isfinite(arrival_s):
             return SafeArrival(arrival_s, frozenset(zone.doom.tables.zone.road_user for zone in chosen))
@@ -143,23 +148,53 @@ def find_safe_arrival(grid: SpeedGrid, zones: Sequence[ZoneStates]) -> SafeArriv
             return SafeArrival(arrival_s, frozenset(zone.doom.tables.zone.road_user for zone in chosen))
         chosen.append(met)
         left.remove(met)
-        del rows[met.steps.start :]
 
 
 def find_free_way(grid: SpeedGrid) -> tuple[WayPoint, ...]:
     """Return the fastest way on a free road, from the goal back to the start."""
-    rows = [grid.start()]
-    _search(grid, (), rows)
-    return tuple(_trace(grid, rows))
+    return tuple(_trace(grid, _Search(grid, ()).run()))
 
 
-def _search(grid: SpeedGrid, zones: Sequence[ZoneStates], rows: list[Float]) -> None:
-    """Append the (C,) least times [s] in every cell of speed at the stations that lack them."""
-    for step in range(len(rows), grid.steps + 1):
-        times = grid.advance(rows[-1], step - 1)
-        for zone in zones:
-            times = zone.delay(step, times)
-        rows.append(times)
+@dataclass
+class _Search:
+    """The least times past the doomed states of some zones, of which more are added from run to run."""
+
+    grid: SpeedGrid
+    zones: Sequence[ZoneStates]
+    until_s: float = 0.0
+    """Ways that are later than this [s] at the goal are left out; it is raised until one is found."""
+
+    @cached_property
+    def _remaining(self) -> list[Float]:
+        """(C,) least time [s] to the goal on a free road from every cell of speed at each station."""
+        rows = [np.zeros(len(self.grid.bounds) - 1)]
+        for step in range(self.grid.steps - 1, -1, -1):
+            rows.append(self.grid.go_back(rows[-1], step))
+        return rows[::-1]
+
+    def run(self) -> list[Float]:
+        """Return (C,) the least time [s] in every cell of speed at each station."""
+        if not self.zones:
+            return self._advance()
+        self.until_s = max(self.until_s, float(self._remaining[0][self.grid.find_cell(self.grid.motion.start_speed)]))
+        for _ in range(MOST_ROUNDS):
+            rows = self._advance()
+            if math.isfinite(float(rows[-1].min())):
+                return rows
+            self.until_s += ROUND_S
+        self.until_s = math.inf
+        return self._advance()
+
+    def _advance(self) -> list[Float]:
+        rows = [self.grid.start()]
+        for step in range(1, self.grid.steps + 1):
+            times = self.grid.advance(rows[-1], step - 1)
+            if self.zones and math.isfinite(self.until_s):
+                times[times + self._remaining[step] > self.until_s + 1e-6] = np.inf
+            for zone in self.zones:
+                times = zone.delay(step, times)
+            rows.append(times)
+        return rows
 
 
 def _trace(grid: SpeedGrid, rows: Sequence[Float]) -> Iterator[WayPoint]:

@@ -12,7 +12,6 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.study.need.motion import STEP_M, RouteMotion
@@ -113,6 +112,15 @@ class SpeedGrid:
         """Return (C,) the least times [s] after a step, given those (C,) before it; infinite where no drive comes."""
         return (self._list_begins(times) + self._cap_times(step)).min(axis=0)
 
+    def go_back(self, remaining: Float, step: int) -> Float:
+        """Return (C,) the least times [s] to the goal before a step, given those (C,) after it."""
+        added = self._cap_times(step) + remaining
+        cells, rows = len(remaining), len(added)
+        padded = np.full((rows, cells + rows - 1), np.inf)
+        padded[:, self._drop : self._drop + cells] = added
+        # Row r holds steps that begin r - CELLS_PER_STEP cells above their end.
+        return np.stack([padded[r, rows - 1 - r : rows - 1 - r + cells] for r in range(rows)]).min(axis=0)
+
     def find_begin(self, times: Float, step: int, cell: int) -> int:
         """Return the cell before a step from which the given one is reached first."""
         added = self._list_begins(times)[:, cell] + self._cap_times(step)[:, cell]
@@ -121,4 +129,5 @@ class SpeedGrid:
     def _list_begins(self, times: Float) -> Float:
         """Return the times of the cells where a step may begin, by its end, in the order of `_step_times`."""
         padded = np.concatenate((np.full(CELLS_PER_STEP, np.inf), times, np.full(self._drop, np.inf)))
-        return sliding_window_view(padded, len(times))
+        # As `sliding_window_view`, which takes longer than the whole sum that follows.
+        return np.ndarray((CELLS_PER_STEP + self._drop + 1, len(times)), buffer=padded, strides=padded.strides * 2)
