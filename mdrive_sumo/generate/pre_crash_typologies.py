@@ -45,8 +45,8 @@ def draft_pre_crash(rng: random.Random) -> Draft:
 
 
 def draft_pre_crash_at_signals(rng: random.Random) -> Draft:
-    """Return the fields of a pre-crash proposal at signals; on several lanes a van can wait beside a CAV."""
-    return draft_typology(rng.choice(AT_SIGNALS), rng) | {"needs_multi_lane": True}
+    """Return the fields of a pre-crash proposal of a typology at signals."""
+    return draft_typology(rng.choice(AT_SIGNALS), rng)
 
 
 def draft_pre_crash_without_signals(rng: random.Random) -> Draft:
