@@ -13,6 +13,7 @@ from mdrive_sumo.cli.setting_options import add_options, parse_comm_options, see
 from mdrive_sumo.cli.study_agents import cross_play_command, gain_command, penetration_command
 from mdrive_sumo.cli.study_options import StudyOptions, drive_with_display, parse_agent_names
 from mdrive_sumo.cli.study_seasons import seasons_command
+from mdrive_sumo.cli.study_twins import twins_command
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text
@@ -44,6 +45,7 @@ command.add_command(cross_play_command)
 command.add_command(gain_command)
 command.add_command(penetration_command)
 command.add_command(seasons_command)
+command.add_command(twins_command)
 command.add_command(paper_command)
 
 

@@ -171,7 +171,7 @@ class RoadMap:
 
         A lane covers what is at most half its width from its centre line, also beyond its ends.
         """
-        points = shapely.points(xy)
+        points = np.asarray(shapely.points(xy))
         point, lane = self._tree.query(points, predicate="dwithin", distance=float(self.lane_width.max()) / 2)
         covers = shapely.distance(np.asarray(self._tree.geometries)[lane], points[point]) <= self.lane_width[lane] / 2
         return point[covers], lane[covers]

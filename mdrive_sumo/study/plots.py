@@ -12,6 +12,7 @@ from mdrive_sumo.study.conditions import ChannelCondition, ChannelFactor, Level
 from mdrive_sumo.study.cross_play import CrossPlaySummary
 from mdrive_sumo.study.penetration import PenetrationLine, PenetrationSummary
 from mdrive_sumo.study.study_summary import StudyLine
+from mdrive_sumo.study.twins import TwinSummary
 from mdrive_sumo.study.two_agents import ALL, DS, OTHER, TESTED
 
 SCORES = (("ds", "driving score DS [%]"), ("sr", "success rate SR [%]"))
@@ -166,6 +167,39 @@ def _draw_role(axes: Axes, lines: Sequence[PenetrationLine], what: tuple[str, st
         label=f"{lines[0].agent}: {'all CAVs' if role == ALL else 'CAVs ' + role if role == TESTED else 'other CAVs'}",
         clip_on=False,
     )
+
+
+def draw_twins(summary: TwinSummary, title: str, stem: Path) -> tuple[Path, Path]:
+    """Write STEM.png and STEM.svg: the change of DS by factor, a colour for each agent. Raises InputError."""
+    factors = list(dict.fromkeys(line.factor for line in summary.lines))
+    agents = list(dict.fromkeys(line.agent for line in summary.lines))
+    with open_figure(8.0, 1.6 + 0.9 * len(factors)) as figure:
+        axes = figure.add_subplot()
+        axes.axvline(0.0, color="#5c6673", linewidth=0.8)
+        for i, agent in enumerate(agents):
+            offset = 0.6 * ((i + 0.5) / len(agents) - 0.5)
+            places = [
+                (factors.index(line.factor) + offset, line.change[DS]) for line in summary.lines if line.agent == agent
+            ]
+            known = [(place, change) for place, change in places if change is not None]
+            colour = COLOURS[i % len(COLOURS)]
+            for place, change in known:
+                if change.ends:
+                    axes.plot(change.ends, (place, place), color=colour, linewidth=1.5)
+            axes.plot(
+                [change.mean for _, change in known],
+                [place for place, _ in known],
+                color=colour,
+                linestyle="",
+                marker=MARKERS[i % len(MARKERS)],
+                markersize=5,
+                label=agent,
+            )
+        axes.set_yticks(range(len(factors)), factors)
+        axes.invert_yaxis()
+        axes.set(xlabel="DS of the twin - DS of the original [points], with 95 % intervals", title=title)
+        figure.legend(loc="outside lower center", ncols=min(len(agents), 4), frameon=False)
+        return save_figure(figure, stem)
 
 
 def _choose_ink(value: float) -> str:
