@@ -212,10 +212,10 @@ class StudyOptions:
         ctx.exit(1 if failed or void else 0)
 
 
-def parse_agent_names(text: str, fewest: int = 1) -> Sequence[str]:
+def parse_agent_names(text: str, fewest: int = 1, option: str = "--agents") -> Sequence[str]:
     """Return the agents of a list with commas. Raises InputError for one twice, an empty one, or too few."""
     names = [name.strip() for name in text.split(",")]
     if "" in names or len(set(names)) < len(names) or len(names) < fewest:
         count = f"at least {fewest} " if fewest > 1 else ""
-        raise InputError(f"study: --agents: expected {count}different agents with commas between them, found {text!r}")
+        raise InputError(f"study: {option}: expected {count}different agents with commas between them, found {text!r}")
     return names

@@ -70,7 +70,7 @@ def twins_command(
     """
     given = StudyOptions(**options)
     chosen = tuple(factor for factor in TwinFactor if not factors or factor in factors)
-    names = parse_agent_names(",".join(agents))
+    names = parse_agent_names(",".join(agents), option="--agent")
     if TwinFactor.STRANGER in chosen and stranger in names:
         raise InputError(f"study: --stranger: expected an agent that is not among --agent, found {stranger!r}")
     if limit is not None:
