@@ -42,6 +42,11 @@ def _is_protocol(value: SpeedRule) -> bool:
     return value == "protocol"
 
 
+def _is_empty(names: tuple[str, ...]) -> bool:
+    """Return whether an optional list is empty: then it is left out of files and checksums."""
+    return not names
+
+
 def _is_nowhere(value: "CommonStartShift | None") -> bool:
     """Return whether CAVs start together as written: then the range is left out of files and checksums."""
     return value is None
@@ -123,6 +128,9 @@ class Scenario(ScenarioPart):
     background: Background = Background()
     actors: tuple[Actor, ...] = ()
     """Scripted road users and props."""
+    absent: tuple[Identifier, ...] = Field(default=(), exclude_if=_is_empty)
+    """Actors and background vehicles that are not there, though a seed draws the world as if they were: those that a
+    twin lacks (decision 093)."""
     weather: WeatherName = "default"
     rsus: tuple[RoadsideUnit, ...] = ()
     notes: tuple[str, ...] = ()
@@ -150,6 +158,13 @@ class Scenario(ScenarioPart):
         if len(set(ids)) < len(ids):
             twice = sorted({i for i in ids if ids.count(i) > 1})
             raise ValueError(f"expected every road user to have its own id, found twice: {', '.join(twice)}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_absent(self) -> "Scenario":
+        known = {one.id for one in (*self.background.vehicles, *self.actors)}
+        if unknown := sorted(set(self.absent) - known):
+            raise ValueError(f"absent: expected ids of actors or background vehicles, found {unknown[0]!r}")
         return self
 
     @model_validator(mode="after")

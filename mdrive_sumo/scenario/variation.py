@@ -67,20 +67,32 @@ def load_varied_scenario(suite: Suite, scenario: Scenario, seed: int) -> tuple[S
 
 
 def vary_scenario(scenario: Scenario, roads: RoadMap, seed: int) -> Scenario:
-    """Return the scenario that a seed draws; for seed 0 the scenario as written.
+    """Return the scenario that a seed draws, without absent road users; for seed 0 the scenario as written.
 
     `scenario` may be one that another seed drew: it is the one as written that is varied. Ids, routes' goals, props,
     lateral positions, the weather, and the time limit stay as written.
     """
     written = scenario.as_written
     if seed == 0:
-        return written
+        return _leave_out(written)
     log_trim_s = find_log_trim(written, BOUNDS.log_trim_s * _draw(seed, written, "log")[0])
     actors = tuple(_vary_actor(trim_actor(one, log_trim_s), written, seed) for one in written.actors)
     vehicles = tuple(_vary_vehicle(trim_vehicle(one, log_trim_s), written, seed) for one in written.background.vehicles)
     background = written.background.model_copy(update={"vehicles": vehicles})
     moved = written.derive(actors=actors, background=background)
-    return moved.derive(egos=vary_starts(moved, roads, seed, BOUNDS.start, log_trim_s))
+    return _leave_out(moved.derive(egos=vary_starts(moved, roads, seed, BOUNDS.start, log_trim_s)))
+
+
+def _leave_out(drawn: Scenario) -> Scenario:
+    """Return a drawn scenario without its absent road users, which starts of CAVs and the log have minded."""
+    if not drawn.absent:
+        return drawn
+    present = tuple(one for one in drawn.background.vehicles if one.id not in drawn.absent)
+    return drawn.derive(
+        actors=tuple(actor for actor in drawn.actors if actor.id not in drawn.absent),
+        background=drawn.background.model_copy(update={"vehicles": present}),
+        absent=(),
+    )
 
 
 def _draw(seed: int, scenario: Scenario, *name: str) -> tuple[float, ...]:

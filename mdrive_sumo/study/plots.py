@@ -178,10 +178,9 @@ def draw_twins(summary: TwinSummary, title: str, stem: Path) -> tuple[Path, Path
         axes.axvline(0.0, color="#5c6673", linewidth=0.8)
         for i, agent in enumerate(agents):
             offset = 0.6 * ((i + 0.5) / len(agents) - 0.5)
-            places = [
+            known = [
                 (factors.index(line.factor) + offset, line.change[DS]) for line in summary.lines if line.agent == agent
             ]
-            known = [(place, change) for place, change in places if change is not None]
             colour = COLOURS[i % len(COLOURS)]
             for place, change in known:
                 if change.ends:

@@ -5,7 +5,7 @@ sight from a CAV to the box of the road user meets, from the start until the two
 certificates: blind conflicts of `need.json`, and the intervals that matter of `occlusion.json`.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -18,7 +18,6 @@ from mdrive_sumo.core.geometry import Float, Int, boxes_corners
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.planning.driving_options import ROAD_RANGE_M
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scenario.weather import WEATHERS, Weather
@@ -163,12 +162,7 @@ def _remove_occluders(scenario: Scenario, roads: RoadMap, conflicts: HiddenConfl
             "none: what hides it moves, or is a CAV",
         )  # fmt: skip
     kept = tuple(one for i, one in enumerate(roads.buildings) if i not in buildings)
-    changed = scenario.model_copy(
-        update={
-            "actors": tuple(actor for actor in scenario.actors if actor.id not in users),
-            "background": _drop_vehicles(scenario, users),
-        }
-    )
+    changed = scenario.model_copy(update={"absent": tuple(sorted(users))})
     changes = (*((_count(len(buildings), "building"),) if buildings else ()), *sorted(users))
     return Twin(TwinFactor.OCCLUDER, changed, replace(roads, buildings=kept), changes)
 
@@ -187,7 +181,7 @@ def _remove_background(scenario: Scenario, roads: RoadMap, conflicts: HiddenConf
             scenario, TwinFactor.BACKGROUND, "vehicles in the background that neither hide anything nor are hidden",
             "none",
         )  # fmt: skip
-    changed = scenario.model_copy(update={"background": _drop_vehicles(scenario, gone)})
+    changed = scenario.model_copy(update={"absent": tuple(sorted(gone))})
     return Twin(TwinFactor.BACKGROUND, changed, roads, (_count(len(gone), "vehicle"),))
 
 
@@ -215,12 +209,6 @@ _MAKERS = {
 
 def _refuse(scenario: Scenario, factor: TwinFactor, expected: str, found: str) -> InputError:
     return InputError(f"{scenario.id}: twin {factor}: expected {expected}, found {found}")
-
-
-def _drop_vehicles(scenario: Scenario, gone: Iterable[str]) -> Background:
-    left = set(gone)
-    vehicles = tuple(one for one in scenario.background.vehicles if one.id not in left)
-    return scenario.background.model_copy(update={"vehicles": vehicles})
 
 
 def _count(number: int, what: str) -> str:

@@ -5,6 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import copy_file, make_folder, write_text
@@ -15,18 +17,13 @@ from mdrive_sumo.roads.road_map import find_network_folder
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.other_agents import OtherAgents, count_tested
-from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
+from mdrive_sumo.runs.prepared_run import PreparedRun, prepare_with_suite
 from mdrive_sumo.runs.recording_check import load_recording
 from mdrive_sumo.scenario.reference_times import find_reference_times, save_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import NETWORKS_FOLDER, Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scoring import EgoResult, Results, ScenarioResult
-from mdrive_sumo.scoring.paired_intervals import (
-    ResultTable,
-    compute_difference_interval,
-    compute_score_interval,
-    group_by_scenario,
-)
+from mdrive_sumo.scoring.paired_intervals import bootstrap_results, group_by_scenario
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS, compute_mean
 from mdrive_sumo.study.occlusion_certificate import REFERENCE_OPTIONS
 from mdrive_sumo.study.study_runs import BEST, RUNS_FOLDER, StudyProgress, make_variant, name_agent_folder
@@ -66,7 +63,7 @@ class TwinRow:
     agent: str
     factor: TwinFactor | None
     results: tuple[Results, ...]
-    """Of each seed; with factor `stranger` of each number of CAVs, too. Empty if no twin could be made."""
+    """Of all seeds; with factor `stranger` one for each number of CAVs. Empty if no twin could be made."""
     twins: tuple[Twin, ...] = ()
     gaps: tuple[TwinGap, ...] = ()
 
@@ -103,15 +100,19 @@ class TwinStudy:
         if not any(twins for twins, _ in made.values()):
             first = next(gap for _, gaps in made.values() for gap in gaps)
             raise InputError(f"study twins: expected a twin that can be made, found none: {first.reason}")
-        for factor, (twins, gaps) in made.items():
-            _save_suite(twins, self._first.suite, self.folder / SUITES_FOLDER / factor)
+        for _, gaps in made.values():
             progress.spared(len(gaps) * len(self.seeds) * len(self.agents))
+        suites = {
+            factor: _save_suite(twins, self._first.suite, self.folder / SUITES_FOLDER / factor)
+            for factor, (twins, _) in made.items()
+            if twins
+        }
         for name, prepared in self.agents.items():
-            yield TwinRow(name, None, tuple(self._drive(name, prepared, ORIGINAL, progress)))
+            yield TwinRow(name, None, (self._drive(name, prepared, ORIGINAL, progress),))
             for factor, (twins, gaps) in made.items():
-                runs = self._list_runs(prepared, factor, twins)
-                results = [one for part, run in runs for one in self._drive(name, run, part, progress)]
-                yield TwinRow(name, factor, tuple(results), twins, gaps)
+                runs = self._list_runs(prepared, factor, suites[factor]) if twins else ()
+                results = tuple(self._drive(name, run, part, progress) for part, run in runs)
+                yield TwinRow(name, factor, results, twins, gaps)
 
     def _find_conflicts(self, progress: StudyProgress) -> Mapping[str, HiddenConflicts]:
         """Return the hidden conflicts by scenario; drives `omniscient` where a certificate names a pair."""
@@ -131,7 +132,7 @@ class TwinStudy:
             record=True,
             out=self.folder / RUNS_FOLDER / REFERENCE_FOLDER,
         )
-        run = prepare(config)
+        run = prepare_with_suite(config, suite)
         progress.run("occluders, in the drive of omniscient")
         driven = {result.id: result for result in evaluate(run, progress).scenarios if result.status == "ok"}
         return {
@@ -155,29 +156,25 @@ class TwinStudy:
                 gaps.append(TwinGap(scenario.id, factor, str(error)))
         return tuple(twins), tuple(gaps)
 
-    def _list_runs(
-        self, prepared: PreparedRun, factor: TwinFactor, twins: Sequence[Twin]
-    ) -> Iterator[tuple[str, PreparedRun]]:
+    def _list_runs(self, prepared: PreparedRun, factor: TwinFactor, suite: Suite) -> Iterator[tuple[str, PreparedRun]]:
         """Yield the runs of an agent in the twins of a factor, each with the name of its folder. Raises InputError."""
-        if not twins:
-            return
-        suite = str(self.folder / SUITES_FOLDER / factor)
-        config = replace(prepared.config, suite=suite, scenario="*", chosen_mode=prepared.config.score_mode)
+        folder, mode = str(suite.folder), prepared.config.score_mode
+        config = replace(prepared.config, suite=folder, scenario="*", chosen_mode=mode)
         if factor is TwinFactor.CONNECTION:
             config = replace(config, options=replace(config.options, comm=PRESETS["off"]))
         if factor is not TwinFactor.STRANGER:
-            yield factor, prepare(config)
+            yield factor, prepare_with_suite(config, suite)
             return
-        for cavs in sorted({len(twin.scenario.egos) for twin in twins}):
-            names = _join_ids(twin.scenario for twin in twins if len(twin.scenario.egos) == cavs)
+        for cavs in sorted({len(scenario.egos) for scenario in suite.scenarios}):
+            names = _join_ids(scenario for scenario in suite.scenarios if len(scenario.egos) == cavs)
             others = OtherAgents(self.stranger, find_penetration(cavs))
-            yield f"{factor}-of-{cavs}", prepare(replace(config, scenario=names, others=others))
+            yield f"{factor}-of-{cavs}", prepare_with_suite(replace(config, scenario=names, others=others), suite)
 
-    def _drive(self, name: str, prepared: PreparedRun, part: str, progress: StudyProgress) -> Iterator[Results]:
+    def _drive(self, name: str, prepared: PreparedRun, part: str, progress: StudyProgress) -> Results:
+        """Return the results of a run with all seeds: few long runs keep many cores busy."""
         folder = self.folder / RUNS_FOLDER / name_agent_folder(prepared.config.agent) / part
-        for seed in self.seeds:
-            progress.run(f"{name}, {part}, seed {seed}")
-            yield evaluate(make_variant(prepared, prepared.config.options, (seed,), folder / f"seed{seed}"), progress)
+        progress.run(f"{name}, {part}")
+        return evaluate(make_variant(prepared, prepared.config.options, self.seeds, folder), progress)
 
 
 def find_penetration(cavs: int) -> int:
@@ -193,15 +190,13 @@ def _load_roads(scenario: Scenario, suite: Suite) -> RoadMap:
     return load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id)))
 
 
-def _save_suite(twins: Sequence[Twin], original: Suite, folder: Path) -> None:
+def _save_suite(twins: Sequence[Twin], original: Suite, folder: Path) -> Suite:
     """Write the twins of a factor as a suite, with the reference times of the originals, in place of an older one.
 
     A scenario without some buildings has a network of its own.
     """
     if folder.is_dir() and not folder.is_symlink():
         shutil.rmtree(folder)
-    if not twins:
-        return
     with atomic_folder(folder) as draft:
         scenarios = tuple(_save_network(twin, original, draft) for twin in twins)
         about = SuiteFile(
@@ -217,6 +212,7 @@ def _save_suite(twins: Sequence[Twin], original: Suite, folder: Path) -> None:
             if one.id in ids
         }
         save_reference_times(load_suite(str(draft)), {name: ticks for name, ticks in measured.items() if ticks})
+    return load_suite(str(folder))
 
 
 def _save_network(twin: Twin, original: Suite, draft: Path) -> Scenario:
@@ -243,12 +239,12 @@ class TwinLine:
     agent: str
     factor: TwinFactor
     scenarios: int
-    original: Mapping[str, ConfidenceInterval | None]
-    twin: Mapping[str, ConfidenceInterval | None]
-    change: Mapping[str, ConfidenceInterval | None]
+    original: Mapping[str, ConfidenceInterval]
+    twin: Mapping[str, ConfidenceInterval]
+    change: Mapping[str, ConfidenceInterval]
     """Twin - original, paired by scenario and seed, by metric."""
     pairs: tuple[tuple[ScenarioResult, ScenarioResult], ...]
-    """Original and twin of every episode, with the scores that are compared; both have the place of the original."""
+    """Results of every episode of the original, with the scores that are compared, and with those of the twin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,10 +260,9 @@ class TwinSummary:
 def summarise_twins(rows: Sequence[TwinRow]) -> TwinSummary:
     """Return a line for each agent and factor that has twins. Raises InputError if all of them are void."""
     originals = {row.agent: row for row in rows if row.factor is None}
-    lines = tuple(
-        _compare(row, row.factor, originals[row.agent]) for row in rows if row.factor is not None and row.results
-    )
-    if not any(line.scenarios for line in lines):
+    compared = (_compare(row, row.factor, originals[row.agent]) for row in rows if row.factor is not None)
+    lines = tuple(line for line in compared if line is not None)
+    if not lines:
         raise InputError("study twins: expected twins that are not void, found none")
     first = rows[0].agent
     gaps = tuple(gap for row in rows if row.agent == first for gap in row.gaps)
@@ -275,7 +270,8 @@ def summarise_twins(rows: Sequence[TwinRow]) -> TwinSummary:
     return TwinSummary(lines, gaps, planned - sum(line.scenarios for line in lines))
 
 
-def _compare(row: TwinRow, factor: TwinFactor, original: TwinRow) -> TwinLine:
+def _compare(row: TwinRow, factor: TwinFactor, original: TwinRow) -> TwinLine | None:
+    """Return the line of an agent and a factor; None without a pair of episodes that are not void."""
     twins, bases = group_by_scenario(row.scenarios), group_by_scenario(original.scenarios)
     pairs = [
         _pair(base, twins[name][seed])
@@ -283,23 +279,19 @@ def _compare(row: TwinRow, factor: TwinFactor, original: TwinRow) -> TwinLine:
         if name in twins
         for seed, base in sorted(by_seed.items())
     ]
-    before, after = (_tabulate(one) for one in zip(*pairs, strict=True)) if pairs else ({}, {})
+    if not pairs:
+        return None
+    before, after = zip(*pairs, strict=True)
+    scores = {m: [np.array([getattr(one, m) for one in results]) for results in (before, after)] for m in METRICS}
     return TwinLine(
         row.agent,
         factor,
-        len(before),
-        {metric: compute_score_interval(before, metric) for metric in METRICS},
-        {metric: compute_score_interval(after, metric) for metric in METRICS},
-        {metric: compute_difference_interval(after, before, metric) for metric in METRICS},
+        len({base.id for base in before}),
+        {metric: bootstrap_results(values[0], before) for metric, values in scores.items()},
+        {metric: bootstrap_results(values[1], before) for metric, values in scores.items()},
+        {metric: bootstrap_results(values[1] - values[0], before) for metric, values in scores.items()},
         tuple(pairs),
     )
-
-
-def _tabulate(results: Iterable[ScenarioResult]) -> ResultTable:
-    table: dict[str, dict[int, ScenarioResult]] = {}
-    for result in results:
-        table.setdefault(result.id, {})[result.seed] = result
-    return table
 
 
 def _pair(base: ScenarioResult, twin: ScenarioResult) -> tuple[ScenarioResult, ScenarioResult]:

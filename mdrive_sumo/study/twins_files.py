@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE, judge_interval
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, Verdict, describe_comparisons, judge_intervals
 from mdrive_sumo.core.tables import (
     Column,
     Table,
@@ -23,7 +23,6 @@ from mdrive_sumo.study.study_files import (
     list_study_facts,
     make_interval_cell,
     make_interval_column,
-    run_to_dict,
 )
 from mdrive_sumo.study.twin_scenarios import TwinFactor
 from mdrive_sumo.study.twins import METRICS, TwinRow, TwinSummary
@@ -41,8 +40,9 @@ MEANING = {
 HOW_TO_READ = f"""\
 A twin is a scenario in which exactly one factor is changed. DS and SR [%] are means over the scenarios that have this
 twin and are void in neither. A change is twin - original, paired by scenario and seed. An interval without 0 shows an
-effect: above 0 the agent does better without what the twin takes away, below 0 worse. Reference times and time limits
-are those of the original. {TOO_FEW_NOTE}"""
+effect: above 0 (gain) the agent does better in the twin, below 0 (loss) worse. {METHOD_NOTE} What is shown is corrected
+for the number of rows of the table (Holm 1979). Reference times and time limits are those of the original.
+{TOO_FEW_NOTE}"""
 
 
 def twins_json(about: StudyDescription, stranger: str, rows: Sequence[TwinRow], summary: TwinSummary) -> str:
@@ -54,7 +54,7 @@ def twins_json(about: StudyDescription, stranger: str, rows: Sequence[TwinRow], 
         "lines": [
             {"agent": line.agent, "factor": line.factor, "scenarios": line.scenarios}
             | {
-                name: {metric: one and asdict(one) for metric, one in getattr(line, name).items()}
+                name: {metric: asdict(one) for metric, one in getattr(line, name).items()}
                 for name in ("original", "twin", "change")
             }
             for line in summary.lines
@@ -66,21 +66,17 @@ def twins_json(about: StudyDescription, stranger: str, rows: Sequence[TwinRow], 
             for twin in row.twins
         ],
         "not_made": [asdict(gap) for gap in summary.gaps],
-        "rows": [
-            {"agent": row.agent, "factor": row.factor, "runs": [run_to_dict(line) for line in row.results]}
-            for row in rows
-        ],
     }
     return json.dumps(page, indent=1, allow_nan=False) + "\n"
 
 
 def twins_csv(summary: TwinSummary) -> str:
     """Return one line for each agent, factor and metric."""
+    shown = judge_changes(summary)
     rows = (
-        (line.agent, line.factor, str(line.scenarios), metric, *format_csv_interval(change), judge_interval(change))
-        for line in summary.lines
-        for metric in METRICS
-        if (change := line.change[metric]) is not None
+        (line.agent, line.factor, str(line.scenarios), metric, *format_csv_interval(line.change[metric]), verdicts[i])
+        for i, line in enumerate(summary.lines)
+        for metric, verdicts in shown.items()
     )
     return format_csv(make_text_table(("agent", "factor", "scenarios", "metric", "mean", "low", "high", "shown"), rows))
 
@@ -113,6 +109,7 @@ def twins_markdown(
         HOW_TO_READ,
         "\n".join(f"- **{factor}**: {describe_factor(factor, stranger)}" for factor in factors),
         format_markdown(build_twins_table(summary)),
+        describe_comparisons([line.change[metric] for line in summary.lines for metric in METRICS]),
         f"![what each factor costs]({picture})",
         *(("Twins that cannot be made:", format_markdown(build_gap_table(summary))) if summary.gaps else ()),
         "\n".join(f"- {gap.reason}" for gap in summary.gaps),
@@ -125,8 +122,14 @@ def describe_factor(factor: TwinFactor, stranger: str) -> str:
     return MEANING[factor].replace("another agent", f"`{stranger}`")
 
 
+def judge_changes(summary: TwinSummary) -> dict[str, tuple[Verdict, ...]]:
+    """Return what the changes show by metric, in the order of the lines, corrected for their number."""
+    return {metric: judge_intervals([line.change[metric] for line in summary.lines]) for metric in METRICS}
+
+
 def build_twins_table(summary: TwinSummary) -> Table:
     """Return a row for each agent and factor."""
+    shown = judge_changes(summary)["ds"]
     columns = (
         *make_text_columns({"agent": "agent", "factor": "factor"}),
         Column("scenarios", "scenarios", decimals=0),
@@ -140,12 +143,13 @@ def build_twins_table(summary: TwinSummary) -> Table:
                 line.agent,
                 line.factor,
                 line.scenarios,
-                *(one["ds"] and one["ds"].mean for one in (line.original, line.twin)),
+                line.original["ds"].mean,
+                line.twin["ds"].mean,
                 *(make_interval_cell(line.change[metric]) for metric in METRICS),
-                "" if (change := line.change["ds"]) is None else judge_interval(change),
+                shown[i],
             )
         )
-        for line in summary.lines
+        for i, line in enumerate(summary.lines)
     ]
     return Table("twins", "What each factor costs", columns, tuple(rows), left=2)
 
