@@ -61,7 +61,7 @@ def twins_command(
 ) -> None:
     """Measure what each factor of a scenario costs each agent, by twins in which only this factor changes.
 
-    occluder: what hides a road user is gone; connection: nobody else sends; background: traffic is gone; weather: a
+    occluder: what hides a road user is gone; connection: no station sends; background: traffic is gone; weather: a
     clear day; stranger: one CAV has another agent. Writes twins.json, twins.csv, twins-episodes.csv, twins.md and a
     picture into --out, the twins into --out/suites and every run into --out/runs. Twins that cannot be made are listed
     with the reason. The same command given again continues an interrupted study.

@@ -38,7 +38,7 @@ class TwinFactor(StrEnum):
     OCCLUDER = "occluder"
     """What hides the road users of certified or occluded conflicts is gone."""
     CONNECTION = "connection"
-    """No other station sends: every CAV drives as if nobody else were connected."""
+    """No other station sends: every CAV drives as if no other one were connected."""
     BACKGROUND = "background"
     """Traffic of SUMO is gone but for occluders and road users of certified or occluded conflicts."""
     WEATHER = "weather"
