@@ -129,6 +129,8 @@ class CandidateEvaluation(BaseModel):
     figures: CandidateFigures | None = Field(default=None, exclude_if=lambda figures: figures is None)
     stage: RejectionStage | None = Field(default=None, exclude_if=lambda stage: stage is None)
     reason: str = Field(default="", exclude_if=lambda reason: not reason)
+    rejected_score: float | None = Field(default=None, exclude_if=lambda score: score is None)
+    """What an agent reached that must not reach so much."""
 
     @property
     def measured(self) -> CandidateFigures:
@@ -140,10 +142,12 @@ class CandidateEvaluation(BaseModel):
     def merit(self) -> float:
         """How much is gained by breeding from it: what the agents without messages lose, most where it is certified.
 
-        0 for one that was rejected.
+        Below 2 for one that was rejected: the more, the less the agent reached that rejected it; most where agents
+        without messages are lost.
         """
         if self.figures is None:
-            return 0.0
+            lost = 0.0 if self.rejected_score is None else 1.0 - self.rejected_score / FULL_SCORE
+            return lost + (self.stage is RejectionStage.GAP)
         found = self.figures
         return FULL_SCORE - found.unaided_score + FULL_SCORE * (found.need.holds + (found.need.proves is Proof.ALL))
 
@@ -166,7 +170,7 @@ def evaluate_candidate(task: CandidateTask) -> CandidateEvaluation:
     try:
         return _make_blank(task).model_copy(update={"figures": _measure_candidate(task)})
     except CandidateRejected as rejected:
-        return _reject(task, rejected.stage, rejected.reason)
+        return _reject(task, rejected.stage, rejected.reason, rejected.score)
 
 
 def make_failed_evaluation(task: CandidateTask, reason: str) -> CandidateEvaluation:
@@ -185,8 +189,11 @@ def _make_blank(task: CandidateTask) -> CandidateEvaluation:
     )
 
 
-def _reject(task: CandidateTask, stage: RejectionStage, reason: str) -> CandidateEvaluation:
-    return _make_blank(task).model_copy(update={"stage": stage, "reason": reason[:REASON_CHARACTERS]})
+def _reject(task: CandidateTask, stage: RejectionStage, reason: str, score: float | None = None) -> CandidateEvaluation:
+    rounded = None if score is None else round(score, 2)
+    return _make_blank(task).model_copy(
+        update={"stage": stage, "reason": reason[:REASON_CHARACTERS], "rejected_score": rounded}
+    )
 
 
 def _measure_candidate(task: CandidateTask) -> CandidateFigures:

@@ -59,13 +59,12 @@ class CandidateProbe:
         """Reject a candidate as soon as the scores with the first seeds show that a bound is not met."""
         expected = f"expected {self.name} at"
         if scores[0] > self.most:
-            raise CandidateRejected(self.stage, f"{expected} {self.most:g} at most, found {scores[0]:.2f}")
+            raise CandidateRejected(self.stage, f"{expected} {self.most:g} at most, found {scores[0]:.2f}", scores[0])
         least_mean = math.fsum(scores) / len(self.seeds)
         if least_mean > self.most_mean:
             found = f"found {', '.join(f'{score:.2f}' for score in scores)}"
-            raise CandidateRejected(
-                self.stage, f"{expected} a mean of {self.most_mean:g} over {len(self.seeds)} seeds at most, {found}"
-            )
+            reason = f"{expected} a mean of {self.most_mean:g} over {len(self.seeds)} seeds at most, {found}"
+            raise CandidateRejected(self.stage, reason, math.fsum(scores) / len(scores))
 
 
 _UNAIDED = (RejectionStage.UNAIDED, MOST_UNAIDED, MOST_MEAN_UNAIDED)

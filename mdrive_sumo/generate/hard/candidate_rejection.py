@@ -24,6 +24,7 @@ class RejectionStage(StrEnum):
 class CandidateRejected(Exception):
     """A candidate does not pass a stage."""
 
-    def __init__(self, stage: RejectionStage, reason: str) -> None:
+    def __init__(self, stage: RejectionStage, reason: str, score: float | None = None) -> None:
+        """score: what an agent reached that must not reach so much."""
         super().__init__(stage, reason)
-        self.stage, self.reason = stage, reason
+        self.stage, self.reason, self.score = stage, reason, score

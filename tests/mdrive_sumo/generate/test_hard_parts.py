@@ -148,7 +148,10 @@ def _reject(candidate: FamilyCandidate) -> CandidateEvaluation:
 def test_merit_ranks_what_agents_without_messages_lose() -> None:
     blank = _reject(FamilyCandidate("toy_1", "crossing_0", (1.0, 0.0), "s"))
     passed = [blank.model_copy(update={"figures": make_figures("toy_1", 70.0, score)}) for score in (40.0, 20.0)]
-    assert blank.merit < passed[0].merit < passed[1].merit
+    stages = ((RejectionStage.UNAIDED, 90.0), (RejectionStage.UNAIDED, 70.0), (RejectionStage.GAP, 99.0))
+    near = [blank.model_copy(update={"stage": stage, "rejected_score": score}) for stage, score in stages]
+    ranked = [one.merit for one in (blank, *near, *passed)]
+    assert ranked == sorted(ranked) and len(set(ranked)) == len(ranked)
 
 
 def test_weather_comes_from_the_seed_as_often_as_in_interaction() -> None:
