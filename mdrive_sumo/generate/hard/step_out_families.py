@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from mdrive_sumo.core import portable
 from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard.family import FamilyParameter, ScenarioFamily, Values
 from mdrive_sumo.generate.hard.sites.street_ways import (
@@ -15,7 +14,16 @@ from mdrive_sumo.generate.hard.sites.street_ways import (
     find_right_lanes,
     find_zebras,
 )
-from mdrive_sumo.generate.hard.step_outs import ABREAST_M, Exit, Side, StepOutKind, change_bounds, stage_step_outs
+from mdrive_sumo.generate.hard.step_outs import (
+    ABREAST_M,
+    FAR_M,
+    Exit,
+    Side,
+    StepOutKind,
+    change_bounds,
+    measure_other,
+    stage_step_outs,
+)
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_parked_vehicle
@@ -29,8 +37,6 @@ from mdrive_sumo.worlds.placement.parked_vehicles import WALK_GAP_M, FreePlace, 
 
 STEP_M = 4.0
 """[m] Distance of the exits among which a family chooses."""
-BEYOND_M = 4.5
-"""[m] People stop so far beyond the middle of the lane that they cross last."""
 HALF_M = BODIES["adult"].width / 2
 FRONT_M = 0.6
 """[m] From a standing vehicle to the middle of someone who passes its front."""
@@ -42,23 +48,14 @@ QUEUE_M = 75.0
 """[m] Length of a queue before and behind the first and the last exit."""
 
 
-def _measure_other(roads: RoadMap, lanes: Lanes, other: Lanes, station: float) -> float:
-    """Return how far [m] to the left of a station of a chain the chain of the other direction lies; 0 without one."""
-    if not other:
-        return 0.0
-    here = compute_pose(roads, lanes, station)
-    there = compute_pose(roads, other, find_station_beside(roads, other, lanes, station))
-    return portable.hypot(here.x - there.x, here.y - there.y)
-
-
 def _find_row_exits(roads: RoadMap, lanes: Lanes, other: Lanes, values: Values) -> list[Exit]:
     """Return free places in parked rows, each with room for the van that hides people before it."""
+    del other
     exits: list[Exit] = []
     for kerb in find_kerbs(roads, lanes):
         stations = np.arange(kerb.begin + BODY_SIZES["van"][0] + 1.0, kerb.end - values["free_m"] / 2, STEP_M)
-        for station in stations.tolist():
-            far = _measure_other(roads, lanes, other, station) + BEYOND_M
-            exits.append(Exit(station, kerb.offset - values["run_up_m"], far, kerb.offset))
+        aside = kerb.offset - values["run_up_m"]
+        exits += [Exit(station, aside, row=kerb.offset) for station in stations.tolist()]
     return exits
 
 
@@ -79,11 +76,12 @@ def _build_rows(roads: RoadMap, sides: Sequence[Side], values: Values, seed: str
 
 def _find_bus_exits(roads: RoadMap, lanes: Lanes, other: Lanes, values: Values) -> list[Exit]:
     """Return places in front of vehicles that stand in the right lane beside a way."""
+    del other
     exits: list[Exit] = []
     for kerb in find_right_lanes(roads, lanes):
-        for station in np.arange(kerb.begin + BODY_SIZES["bus"][0] + 1.0, kerb.end, STEP_M).tolist():
-            far = _measure_other(roads, lanes, other, station) + BEYOND_M if other else BEYOND_M
-            exits.append(Exit(station, kerb.offset - values["run_up_m"], far, kerb.offset))
+        stations = np.arange(kerb.begin + BODY_SIZES["bus"][0] + 1.0, kerb.end, STEP_M)
+        aside = kerb.offset - values["run_up_m"]
+        exits += [Exit(station, aside, row=kerb.offset) for station in stations.tolist()]
     return exits
 
 
@@ -106,9 +104,9 @@ def _find_queue_exits(roads: RoadMap, lanes: Lanes, other: Lanes, values: Values
     if not other:
         return exits
     for station in np.arange(20.0, compute_chain_length(roads, lanes) - 20.0, STEP_M).tolist():
-        away = _measure_other(roads, lanes, other, station)
+        away = measure_other(roads, lanes, other, station)
         if 2.0 < away < 6.0 and not _is_inside(roads, lanes, station):
-            exits.append(Exit(station, away + values["run_up_m"], -BEYOND_M, away))
+            exits.append(Exit(station, away + values["run_up_m"], -FAR_M, away))
     return exits
 
 
@@ -154,12 +152,10 @@ def _fill_back(begin: float, end: float, share: float, rng: random.Random) -> It
 
 def _find_zebra_exits(roads: RoadMap, lanes: Lanes, other: Lanes, values: Values) -> list[Exit]:
     """Return the pedestrian crossings of a way; people come from the right."""
+    del other
     half = roads.lanes[lanes[0]].width / 2
     aside = -(half + KERB_M + BODY_SIZES["van"][1] / 2)
-    return [
-        Exit(station, aside - values["run_up_m"], _measure_other(roads, lanes, other, station) + BEYOND_M, aside)
-        for station in find_zebras(roads, lanes)
-    ]
+    return [Exit(station, aside - values["run_up_m"], row=aside) for station in find_zebras(roads, lanes)]
 
 
 def _build_kerb_vans(roads: RoadMap, sides: Sequence[Side], values: Values, seed: str) -> list[Actor]:

@@ -7,11 +7,12 @@ is set off by the place of its CAV and timed such that both meet if the CAV driv
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, Values
 from mdrive_sumo.generate.hard.sites.junction_conflicts import choose_site
 from mdrive_sumo.generate.hard.sites.junction_ways import compute_timing
 from mdrive_sumo.generate.hard.sites.street_traffic import build_street_traffic
-from mdrive_sumo.generate.hard.sites.street_ways import compute_rise_s, select_ways
+from mdrive_sumo.generate.hard.sites.street_ways import compute_rise_s, find_street_ways, select_ways
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor, PositionTrigger, StartMotion
@@ -24,12 +25,14 @@ from mdrive_sumo.worlds.placement.bodies import (
     build_mast,
 )
 from mdrive_sumo.worlds.placement.cavs import NoRoomError, Platoon, build_platoons
-from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_pose, find_station
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_pose, find_station, find_station_beside
 
 RIM_M = 4.0
 """[m] No CAV starts nearer to the begin of its way, and no goal lies nearer to the end."""
 BEYOND_M = 45.0
 """[m] From the last place where someone steps out to the goals."""
+FAR_M = 4.5
+"""[m] People stop so far beyond the middle of the last lane that they cross."""
 FIRST_M = 40.0
 """[m] Range of the first exit behind the first one possible."""
 ABREAST_M = 1.4
@@ -52,8 +55,8 @@ class Exit:
     """[m] Along the way, of the first of them."""
     aside: float
     """[m] To the left of the way where they turn out; negative: to the right."""
-    far: float
-    """[m] To the left of the way where they stop."""
+    far: float | None = None
+    """[m] To the left of the way where they stop; None: beyond the other direction of the street."""
     row: float = 0.0
     """[m] To the left of the way of the middle of the row in which the exit is, if there is one."""
     path: Lanes = ()
@@ -107,14 +110,28 @@ def _plan_side(roads: RoadMap, kind: StepOutKind, ways: tuple[Lanes, Lanes], cou
     exits = _choose_exits(kind.find_exits(roads, lanes, other, values), values, least)
     if not exits:
         return None
+    exits = tuple(one if one.far is not None else replace(one, far=_find_far(roads, ways, one)) for one in exits)
     lead = timing.find_start(exits[0].station, values["arrival_s"])
     goal = min(exits[-1].station + BEYOND_M, len(timing.time) - 1 - RIM_M)
     return Side(lanes, exits, replace(platoon, lead_m=lead, goal_m=goal))
 
 
+def _find_far(roads: RoadMap, ways: tuple[Lanes, Lanes], place: Exit) -> float:
+    """Return how far [m] to the left of an exit's way people go: beyond the lane of the other direction, if any."""
+    return FAR_M + (measure_other(roads, *ways, place.station) if ways[1] else 0.0)
+
+
+def measure_other(roads: RoadMap, lanes: Lanes, other: Lanes, station: float) -> float:
+    """Return how far [m] a station of a chain of lanes lies from that of the other direction."""
+    here = compute_pose(roads, lanes, station)
+    there = compute_pose(roads, other, find_station_beside(roads, other, lanes, station))
+    return portable.hypot(here.x - there.x, here.y - there.y)
+
+
 def stage_step_outs(kind: StepOutKind, values: Values, seed: str, roads: RoadMap) -> FamilyScene:
     """Return the scene of a candidate. Raises ProposalRejected and NoRoomError."""
-    ways = select_ways(roads, lambda way: bool(kind.find_exits(roads, way.lanes, way.oncoming, values)))
+    found = {way: kind.find_exits(roads, way.lanes, way.oncoming, values) for way in find_street_ways(roads)}
+    ways = select_ways(roads, lambda way: bool(found[way]))
     way = choose_site(ways, values["site"])
     planned = (
         _plan_side(roads, kind, (way.lanes, way.oncoming), round(values["cavs"]), values),
@@ -168,7 +185,7 @@ def _build_one(
         drive = (place.path, max(place.path_m - values["along_m"], 0.0), speed)
         return build_driving_actor(roads, name, body.model, drive, trigger=trigger, action=StartMotion())
     begin = (place.station - values["along_m"], place.aside)
-    stations = (begin, (place.station, place.aside), (place.station, 0.0), (place.station, place.far))
+    stations = (begin, (place.station, place.aside), (place.station, 0.0), (place.station, place.far or 0.0))
     points = [compute_pose(roads, lanes, at, offset) for at, offset in stations]
     return build_crossing_actor(name, body, [(one.x, one.y) for one in points], speed, trigger)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import shapely
 
@@ -47,7 +48,12 @@ def select_lanes_near(lanes: Iterable[Lane], egos: Sequence[Ego], radius_m: floa
 
 def overlaps_building(box: shapely.Polygon, roads: RoadMap) -> bool:
     """Return whether a box stands in a building."""
-    return any(box.intersects(building) for building in roads.building_shapes)
+    return bool(_build_tree(roads).query(box, predicate="intersects").size)
+
+
+@lru_cache(maxsize=32)
+def _build_tree(roads: RoadMap) -> shapely.STRtree:
+    return shapely.STRtree(roads.building_shapes)
 
 
 @dataclass(slots=True)
