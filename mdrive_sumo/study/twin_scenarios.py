@@ -2,7 +2,7 @@
 
 What hides a road user is found in the drive of `omniscient`: buildings, props and standing vehicles that any line of
 sight from a CAV to the box of the road user meets, from the start until the two are nearest. The pairs are those of the
-certificates: blind conflicts of `need.json`, and the intervals that matter of `occlusion.json`.
+certificates: the conflicts of `need.json`, and the intervals that matter of `occlusion.json`.
 """
 
 from collections.abc import Collection, Mapping
@@ -87,7 +87,7 @@ def list_hidden_pairs(suite: Suite) -> Mapping[str, frozenset[Pair]]:
     """Return the pairs of the certificates beside a suite or its parts, by scenario id. Raises InputError."""
     pairs: dict[str, set[Pair]] = {scenario.id: set() for scenario in suite.scenarios}
     for name, need in load_need(suite).items():
-        pairs[name] |= {(conflict.ego, conflict.road_user) for conflict in need.conflicts if conflict.is_blind}
+        pairs[name] |= {(conflict.ego, conflict.road_user) for conflict in need.conflicts}
     for name, certificate in load_certificates(suite).items():
         pairs[name] |= {(hidden.ego, hidden.actor) for hidden in certificate.hidden if hidden.matters}
     return {name: frozenset(found) for name, found in pairs.items()}

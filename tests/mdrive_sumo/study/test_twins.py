@@ -36,6 +36,7 @@ from mdrive_sumo.study.twin_scenarios import (
     Occluders,
     TwinFactor,
     find_hidden_conflicts,
+    list_hidden_pairs,
     make_twin,
 )
 from mdrive_sumo.study.twins import TwinRow, find_penetration, summarise_twins
@@ -80,6 +81,15 @@ def test_what_hides_a_road_user_stands_and_is_no_cav() -> None:
 
 def test_a_road_user_that_never_appears_is_hidden_by_nothing() -> None:
     assert find_hidden_conflicts({("0", "nobody")}, drive_past(), ROADS).occluders == Occluders()
+
+
+def test_certificates_of_both_kinds_name_pairs() -> None:
+    for name in ("hard@0", "v2xpnp@0"):
+        suite = load_suite(name)
+        pairs = list_hidden_pairs(suite)
+        assert list(pairs) == [scenario.id for scenario in suite.scenarios]
+        named = next(found for found in pairs.values() if found)
+        assert all(isinstance(ego, str) and isinstance(user, str) for ego, user in named)
 
 
 def car(name: str) -> BackgroundVehicle:
