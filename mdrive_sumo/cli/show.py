@@ -12,6 +12,7 @@ from mdrive_sumo.cli.options import workers_option
 from mdrive_sumo.cli.stored_run_options import find_one_scenario
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
+from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.agent_failures import format_agent_failures
 from mdrive_sumo.report.result_tables import format_summary
@@ -24,6 +25,14 @@ from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.run_folder import check_run_folder
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.study.certified_failures import build_failure_table
+from mdrive_sumo.study.need_certificate import load_need
+
+CERTIFIED_LEGEND = (
+    "drives of CAVs of which a certificate of need proves something (docs/hard-certificates.md), by how they end:\n"
+    "certified conflict: the first costly infraction is a collision in a conflict that the certificate names;\n"
+    "late: no costly infraction, but it does not arrive; elsewhere: another infraction is the first"
+)
 
 
 @click.command("show")
@@ -53,6 +62,7 @@ def command(
 
     RUN is a folder that `eval` has written. --captured compares it with the same agent without a channel and
     with omniscient, which are looked for in their default folders below runs/, and driven if they are not there.
+    With a suite that has certificates of need, a table says how often CAVs fail as those prove.
     """
     if len(whats) > 1:
         if captured or out is not None:
@@ -85,6 +95,9 @@ def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | N
     echo(format_summary(results, shares))
     if failures := format_agent_failures(results, folder):
         echo("\n" + failures)
+    certified = build_failure_table(results.scenarios, load_need(run.suite))
+    if certified is not None:
+        echo(f"\n{format_text(certified)}\n\n{CERTIFIED_LEGEND}")
     if out is not None:
         with report_write_errors(out):
             write_text(out, build_run_report(results, shares))

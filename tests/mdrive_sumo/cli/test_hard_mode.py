@@ -7,7 +7,9 @@ from click.testing import CliRunner, Result
 from testing.hard_suite import build_fast_scenario, make_hard_suite
 
 from mdrive_sumo.cli import main
+from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import load_results
+from mdrive_sumo.study.need_certificate import NeedCertificate, NeedCertificateFile, NeedConflict, Proof, save_need
 
 pytestmark = [pytest.mark.usefixtures("in_process"), pytest.mark.slow]
 REFERENCE = ("--agent", "omniscient", "--ids", "scenario", "--sensing", "perfect", "--score-mode", "mdrive")
@@ -56,6 +58,26 @@ def test_the_time_counts_and_the_creeping_car_pays(suite: Path, tmp_path: Path) 
         assert all((ego.time_factor is None) == (mode == "mdrive") for ego in again.egos)
     verified = command("verify", tmp_path / "a")
     assert verified.exit_code == 0, verified.output
+    assert "certificate proves" not in command("show", tmp_path / "a").output
+    _certify(suite, found.id, found.egos[0].id)
+    table = command("show", tmp_path / "a").output.split("certificate proves")[1].splitlines()
+    assert table[2].split() == ["all", "1", "0", "0", "0", "1"]
+
+
+def _certify(suite: Path, scenario: str, cav: str) -> None:
+    """Write a certificate that says of a CAV what is not true: it arrived."""
+    conflict = NeedConflict(
+        ego=cav,
+        road_user="b",
+        x=0.0,
+        y=0.0,
+        required_speed=1.0,
+        proves=Proof.ALL,
+        proves_over_roofs=None,
+        conflict_s=1.0,
+    )
+    certificate = NeedCertificate(scenario=scenario, conflicts=(conflict,))
+    save_need(suite, NeedCertificateFile(suite_checksum=load_suite(str(suite)).checksum(), certificates=(certificate,)))
 
 
 @pytest.mark.parametrize("agent", ["constant-speed", "sharing+negotiation"])

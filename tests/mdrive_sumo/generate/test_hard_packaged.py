@@ -3,7 +3,9 @@
 from functools import lru_cache
 
 import pytest
+from click.testing import CliRunner
 
+from mdrive_sumo.cli import main
 from mdrive_sumo.generate.duplicates import find_rivals
 from mdrive_sumo.generate.validation.hard_suite_validation import find_hard_problems
 from mdrive_sumo.scenario.reference_times import find_reference_times
@@ -38,6 +40,15 @@ def test_the_time_counts_and_follows_from_reference_times() -> None:
         limits = {ego.id: ego.time_limit_s for ego in scenario.egos}
         ticks = find_reference_times(scenario, suite.folder)
         assert limits == pytest.approx({name: 1.5 * count / 20 + 2.0 for name, count in ticks.items()})
+
+
+def test_the_table_of_scenarios_says_what_certificates_prove() -> None:
+    shown = CliRunner().invoke(main, ["list", "scenarios", "--suite", "hard@0"])
+    table, legend = shown.output.split("\n\n")
+    assert table.splitlines()[0].split()[-5:] == ["proves", "over", "roofs", "gain", "[s]"]
+    proofs = [line.split()[-3] for line in table.splitlines()[2:]]
+    assert set(proofs) == {"conflict", "-"}
+    assert legend.splitlines()[-1] == f"conflict in {proofs.count('conflict')}, all in 0 of {len(proofs)} scenarios"
 
 
 def test_every_certificate_that_holds_names_a_station_that_sees_the_road_user_in_time() -> None:
