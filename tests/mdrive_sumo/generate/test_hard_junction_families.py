@@ -2,6 +2,7 @@
 
 import random
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
 from mdrive_sumo.generate.hard.junction_parameters import OLD_TOWNS
 from mdrive_sumo.generate.hard.sites.crossroads import find_crossroads
 from mdrive_sumo.generate.hard.sites.junction_conflicts import compute_seen_s, find_junction_conflicts
-from mdrive_sumo.generate.hard.sites.junction_ways import compute_timing, find_junction_ways
+from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, compute_timing, find_junction_ways
 from mdrive_sumo.generate.rejection import ProposalRejected
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
@@ -23,16 +24,17 @@ from mdrive_sumo.worlds.placement.lane_chains import MEETING_M, build_route_line
 from mdrive_sumo.worlds.places import draw_place, write_place
 
 FAMILIES = (*families_crossings.FAMILIES, *families_junctions.FAMILIES)
+CATEGORIES = [family.category for family in FAMILIES]
 DRAWS = 12
 """Candidates of which at least one is sound: most are, but for those that have no room."""
 
 
 @pytest.fixture(scope="module")
-def place_folder(tmp_path_factory):
+def place_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("places")
 
 
-def draw_roads(choice: PlaceChoice, folder) -> RoadMap:
+def draw_roads(choice: PlaceChoice, folder: Path) -> RoadMap:
     place = draw_place(choice.kind, "junctions", **choice.parameters)
     path = folder / place.name
     return load_road_map(path if path.exists() else write_place(place, path))
@@ -53,8 +55,8 @@ def build_first(family: ScenarioFamily, roads: RoadMap) -> tuple[FamilyCandidate
     return None
 
 
-@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.category)
-def test_family_builds_equal_scenarios_with_a_witness(family, place_folder):
+@pytest.mark.parametrize("family", FAMILIES, ids=CATEGORIES)
+def test_family_builds_equal_scenarios_with_a_witness(family: ScenarioFamily, place_folder: Path) -> None:
     for choice in family.places:
         roads = draw_roads(choice, place_folder)
         if (built := build_first(family, roads)) is not None:
@@ -77,8 +79,8 @@ def test_family_builds_equal_scenarios_with_a_witness(family, place_folder):
     assert family.build(other_seed, roads).egos == scenario.egos  # CAVs follow from the values alone
 
 
-@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.category)
-def test_family_refuses_values_out_of_bounds(family, place_folder):
+@pytest.mark.parametrize("family", FAMILIES, ids=CATEGORIES)
+def test_family_refuses_values_out_of_bounds(family: ScenarioFamily, place_folder: Path) -> None:
     roads = draw_roads(family.places[0], place_folder)
     values = [one.high for one in family.parameters]
     values[0] = family.parameters[0].high + 1.0
@@ -86,7 +88,7 @@ def test_family_refuses_values_out_of_bounds(family, place_folder):
         family.build(FamilyCandidate("c", roads.name, tuple(values), "s"), roads)
 
 
-def test_place_without_junction_is_refused_with_its_name(place_folder):
+def test_place_without_junction_is_refused_with_its_name(place_folder: Path) -> None:
     roads = draw_roads(PlaceChoice("corridor", {"junctions": 0, "lanes": 1, "signals": "none"}), place_folder)
     family = FAMILIES[0]
     with pytest.raises(ProposalRejected) as rejected:
@@ -95,12 +97,12 @@ def test_place_without_junction_is_refused_with_its_name(place_folder):
     assert "found none" in rejected.value.reason
 
 
-@pytest.fixture(scope="module", params=[0, 1, 2], ids=lambda k: OLD_TOWNS[k].kind)
-def town(request, place_folder):
+@pytest.fixture(scope="module", params=[0, 1, 2], ids=[one.kind for one in OLD_TOWNS])
+def town(request: pytest.FixtureRequest, place_folder: Path) -> RoadMap:
     return draw_roads(OLD_TOWNS[request.param], place_folder)
 
 
-def test_ways_are_the_connections_of_the_net_and_begin_junctions_at_their_stop_line(town):
+def test_ways_are_the_connections_of_the_net_and_begin_junctions_at_their_stop_line(town: RoadMap) -> None:
     ways = find_junction_ways(town)
     found = {(way.approach, way.inside) for way in ways}
     linked = {(a.id, b) for a in town.driving if not a.junction for b in a.successors if town.lanes[b].junction}
@@ -112,10 +114,10 @@ def test_ways_are_the_connections_of_the_net_and_begin_junctions_at_their_stop_l
         assert all(there in town.lanes[here].successors for here, there in pairwise(way.lanes))
 
 
-def test_conflicts_are_the_pairs_whose_lanes_inside_come_near(town):
+def test_conflicts_are_the_pairs_whose_lanes_inside_come_near(town: RoadMap) -> None:
     ways = find_junction_ways(town)
     met = {(one.own, one.other) for one in find_junction_conflicts(town)}
-    lines = {}
+    lines: dict[JunctionWay, shapely.LineString] = {}
     for way in ways:
         line = build_route_line(town, way.lanes).xy
         lines[way] = shapely.LineString(line[int(way.stop_m) : int(way.exit_m) + 2])
@@ -130,7 +132,7 @@ def test_conflicts_are_the_pairs_whose_lanes_inside_come_near(town):
                 assert (own, other) not in met
 
 
-def test_who_gives_way_meets_who_has_priority(town):
+def test_who_gives_way_meets_who_has_priority(town: RoadMap) -> None:
     for site in find_crossroads(town, ("yield",)):
         for one in site.others:
             assert one.own.control == "yield"
@@ -139,11 +141,11 @@ def test_who_gives_way_meets_who_has_priority(town):
             assert site.far.from_left != site.meeting.from_left
 
 
-def test_sight_ends_where_a_house_stands_between(town):
+def test_sight_ends_where_a_house_stands_between(town: RoadMap) -> None:
     site = min(find_crossroads(town, ("yield",)), key=lambda one: one.seen_s)
     one = site.meeting
     assert site.seen_s == compute_seen_s(town, one)
-    spots = []
+    spots: list[tuple[float, float]] = []
     for way, station in ((one.own, one.own_m), (one.other, one.other_m)):
         timing = compute_timing(town, way.lanes)
         start_m = timing.find_start(station, site.seen_s)
@@ -158,7 +160,7 @@ def test_sight_ends_where_a_house_stands_between(town):
     assert not any(house.intersects(shapely.LineString(near)) for house in town.building_shapes)
 
 
-def test_timing_keeps_limits_and_slows_down_in_bends(town):
+def test_timing_keeps_limits_and_slows_down_in_bends(town: RoadMap) -> None:
     for way in find_junction_ways(town)[:8]:
         timing = compute_timing(town, way.lanes)
         assert timing.speed.max() <= max(town.lanes[lane].speed_limit for lane in way.lanes) + 1e-9

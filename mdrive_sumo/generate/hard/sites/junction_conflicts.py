@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, box_corners, wrap_angle
-from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, WayTiming, compute_timing, find_junction_ways
+from mdrive_sumo.core.geometry import Float, box_corners, wrap_angle
+from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, compute_timing, find_junction_ways
 from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.start_boxes import CAR
@@ -80,51 +80,33 @@ def _comes_from_left(roads: RoadMap, own: JunctionWay, other: JunctionWay) -> bo
     return wrap_angle(end - begin) < 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Obstacles:
-    """What hides road users at a place: its buildings, and boxes that stand on the road."""
-
-    shapes: tuple[shapely.Geometry, ...]
-
-    def find_hidden(self, begins: Float, ends: Float) -> Bool:
-        """Return which of the lines (N,) from `begins` to `ends` (N, 2) [m] are interrupted."""
-        lines = [shapely.LineString(ends) for ends in zip(begins, ends, strict=True)]
-        tree = shapely.STRtree(self.shapes)
-        hidden = np.zeros(len(lines), dtype=np.bool_)
-        hidden[np.unique(tree.query(lines, predicate="intersects")[0])] = True
-        return hidden
+@lru_cache(maxsize=128)
+def _build_tree(roads: RoadMap) -> shapely.STRtree:
+    """Return the buildings of a place, and what else blocks sight there, as a tree."""
+    return shapely.STRtree(roads.building_shapes)
 
 
-def compute_seen_s(
-    roads: RoadMap,
-    conflict: JunctionConflict,
-    shares: tuple[float, float] = (1.0, 1.0),
-    boxes: Sequence[shapely.Polygon] = (),
-) -> float:
-    """Return how long [s] before they meet two cars, at shares of the limits on their ways, see each other without a
-    break: any corner or the centre of one from the centre of the other; at most `SIGHT_S`.
-
-    boxes: of vehicles that stand on the road.
-    """
+def compute_seen_s(roads: RoadMap, conflict: JunctionConflict) -> float:
+    """Return how long [s] before they meet two cars that drive at the limits see each other without a break: any
+    corner or the centre of one from the centre of the other, past buildings; at most `SIGHT_S`."""
     times = np.arange(0.0, SIGHT_S + SIGHT_STEP_S / 2, SIGHT_STEP_S)
-    own = compute_timing(roads, conflict.own.lanes, shares[0])
-    other = compute_timing(roads, conflict.other.lanes, shares[1])
-    eyes, _ = _locate(roads, conflict.own, own, conflict.own_m, times)
-    centres, yaws = _locate(roads, conflict.other, other, conflict.other_m, times)
-    seen = np.zeros(len(times), dtype=np.bool_)
-    obstacles = Obstacles((*roads.building_shapes, *boxes))
+    eyes, _ = _locate(roads, conflict.own, conflict.own_m, times)
+    centres, yaws = _locate(roads, conflict.other, conflict.other_m, times)
     corners = np.array(
         [box_corners(x, y, yaw, CAR.length, CAR.width) for (x, y), yaw in zip(centres, yaws, strict=True)]
     )
-    for target in (centres, *corners.transpose(1, 0, 2)):
-        seen |= ~obstacles.find_hidden(eyes, target)
-    hidden = np.flatnonzero(~seen)
+    targets = np.concatenate((centres[None], corners.transpose(1, 0, 2)))
+    ends = np.stack((np.broadcast_to(eyes, targets.shape), targets), axis=2)
+    lines = np.asarray(shapely.linestrings(ends.reshape(-1, 2, 2)))
+    interrupted = np.zeros(len(lines), dtype=np.bool_)
+    interrupted[np.unique(_build_tree(roads).query(lines, predicate="intersects")[0])] = True
+    hidden = np.flatnonzero(interrupted.reshape(len(targets), -1).all(axis=0))
     return float(times[hidden[0]]) if len(hidden) else SIGHT_S
 
 
-def _locate(roads: RoadMap, way: JunctionWay, timing: WayTiming, station: float, before: Float) -> tuple[Float, Float]:
+def _locate(roads: RoadMap, way: JunctionWay, station: float, before: Float) -> tuple[Float, Float]:
     """Return the positions (N, 2) [m] and directions (N,) [rad] of a car at times [s] before it reaches a station."""
-    line = build_route_line(roads, way.lanes)
+    line, timing = build_route_line(roads, way.lanes), compute_timing(roads, way.lanes)
     metres = np.arange(len(timing.time))
     due = float(np.interp(station, metres, timing.time))
     stations = np.interp(due - before, timing.time, metres)

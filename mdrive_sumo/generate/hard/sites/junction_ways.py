@@ -157,14 +157,14 @@ class WayTiming:
 
 
 @lru_cache(maxsize=1024)
-def compute_timing(roads: RoadMap, lanes: Lanes, share: float = 1.0) -> WayTiming:
-    """Return the timing of a car that drives a chain of lanes at a share of the limits."""
+def compute_timing(roads: RoadMap, lanes: Lanes) -> WayTiming:
+    """Return the timing of a car that drives a chain of lanes at the limits."""
     line = build_route_line(roads, lanes)
     path = build_path(line.xy, CAR.rear_to_centre)
     begins = compute_lane_begins(roads, lanes)
     at = np.arange(len(path.curvature)) * SPACING_M
     lane = np.clip(np.searchsorted(begins, at, side="right") - 1, 0, len(lanes) - 1)
-    limits = np.array([roads.lanes[name].speed_limit for name in lanes])[lane] * share
+    limits = np.array([roads.lanes[name].speed_limit for name in lanes])[lane]
     speeds = compute_curve_speeds(path, float(limits.max()), LATERAL, BRAKING, limits)
     speed = np.interp(np.arange(len(line.xy)), at, np.maximum(speeds, 1.0))
     steps = 2.0 / (speed[1:] + speed[:-1])
