@@ -40,7 +40,7 @@ PACKAGES = (
     ("sqlalchemy", "serve, admin", "server"),
     ("pyseccomp", "serve, submit --dry-run", "server"),
     ("distributed", "--executor dask", "dask"),
-    ("ribs", "generate --hard", "search"),
+    ("scipy", "generate --hard", "search"),
     ("moderngl", "agents with cameras, render --view chase or driver", "camera"),
     ("onnxruntime", "learned agents", "learned"),
     ("torch", "learn train, learn export", "learn"),
