@@ -1,6 +1,6 @@
 """Families at crossings of two streets without signals: platoons, hidden vehicles, traffic that sends nothing."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from mdrive_sumo.contract.briefing import JunctionKind
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
@@ -29,6 +29,7 @@ from mdrive_sumo.generate.hard.junction_users import (
     build_due_vehicle,
     build_masts,
     build_traffic_on,
+    compute_due_behind,
 )
 from mdrive_sumo.generate.hard.sites.crossroads import Crossroads, choose_crossroads
 from mdrive_sumo.roads import RoadMap
@@ -45,12 +46,21 @@ def _list_columns(site: Crossroads, values: Values, delay_s: float = 0.0) -> Ite
         yield CavColumn(lanes, at_m, round(values["back"]), due_s + values["back_s"], headway_s, delay_s=delay_s)
 
 
-def _list_cross_columns(site: Crossroads, values: Values, later_s: float = 0.0) -> Iterator[CavColumn]:
+def _list_cross_columns(site: Crossroads, values: Values) -> Iterator[CavColumn]:
     """Yield the columns of the other street: on the way that the first approach meets first, and the opposite one."""
     for conflict, name in zip(site.others, ("near", "far"), strict=False):
         if round(values[name]):
-            due_s = values["due_s"] + values[f"{name}_s"] + later_s
+            due_s = values["due_s"] + values[f"{name}_s"]
             yield CavColumn(conflict.other.lanes, conflict.other_m, round(values[name]), due_s, values["headway_s"])
+
+
+def _list_witnesses(roads: RoadMap, site: Crossroads, hidden: Sequence[Actor], values: Values) -> Iterator[CavColumn]:
+    """Yield the columns of CAVs behind the hidden vehicles of the other street."""
+    for conflict, name, ahead in zip(site.others, ("near", "far"), hidden, strict=False):
+        if round(values[name]):
+            way = (conflict.other.lanes, conflict.other_m)
+            due_s = compute_due_behind(roads, ahead, way, values["behind_s"])
+            yield CavColumn(*way, round(values[name]), due_s, values["headway_s"])
 
 
 def _stage_platoons(values: Values, seed: str, roads: RoadMap, controls: tuple[JunctionKind, ...]) -> FamilyScene:
@@ -98,7 +108,7 @@ def stage_sign_runner(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
 def _stage_hidden(values: Values, seed: str, roads: RoadMap, controls: tuple[JunctionKind, ...]) -> FamilyScene:
     site = choose_crossroads(roads, values["site"], controls, MOST_SEEN_S)
     hidden = _build_hidden(roads, site, values)
-    witnesses = [] if values["mast"] >= 0.5 else _list_cross_columns(site, values, values["behind_s"])
+    witnesses = [] if values["mast"] >= 0.5 else _list_witnesses(roads, site, hidden, values)
     egos = build_columns(roads, (*_list_columns(site, values), *witnesses))
     ways = [one.other for one in site.others]
     vehicles = build_traffic_on(roads, ways, values["flow"], seed, (*egos, *hidden))
@@ -128,10 +138,9 @@ def stage_emergency_vehicle(values: Values, seed: str, roads: RoadMap) -> Family
         avoid_collision=False,
     )
     columns = list(_list_columns(site, values))
+    way = (one.other.lanes, one.other_m)
     if values["mast"] < 0.5:
-        columns.append(
-            CavColumn(one.other.lanes, one.other_m, 1, values["due_s"] + values["gap_s"] + values["behind_s"], 1.0)
-        )
+        columns.append(CavColumn(*way, 1, compute_due_behind(roads, ambulance, way, values["behind_s"]), 1.0))
     egos = build_columns(roads, columns)
     ways = [one.own, *([site.back.own] if site.back else [])]
     vehicles = build_traffic_on(roads, ways, values["flow"], seed, (*egos, ambulance))

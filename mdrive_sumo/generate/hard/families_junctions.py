@@ -29,6 +29,7 @@ from mdrive_sumo.generate.hard.junction_users import (
     build_queued_vehicle,
     build_traffic_on,
     build_waiting_vehicle,
+    compute_due_behind,
 )
 from mdrive_sumo.generate.hard.sites.crossroads import choose_crossroads
 from mdrive_sumo.generate.hard.sites.junction_conflicts import (
@@ -66,7 +67,8 @@ def stage_blocked_junction(values: Values, seed: str, roads: RoadMap) -> FamilyS
     hidden = build_due_vehicle(roads, "hidden", model, way, due_s, moving.other.limit * values["share"])
     columns = [CavColumn(moving.own.lanes, moving.own_m, round(values["own"]), values["due_s"], values["headway_s"])]
     if values["mast"] < 0.5:
-        columns.append(CavColumn(*way, round(values["oncoming"]), due_s + values["behind_s"], values["headway_s"]))
+        behind_s = compute_due_behind(roads, hidden, way, values["behind_s"])
+        columns.append(CavColumn(*way, round(values["oncoming"]), behind_s, values["headway_s"]))
     egos = build_columns(roads, columns)
     actors = (hidden, *_build_queue(roads, queue, values))
     vehicles = build_traffic_on(roads, [moving.other], values["flow"], seed, (*egos, *actors))
@@ -174,7 +176,8 @@ def stage_crossing_series(values: Values, seed: str, roads: RoadMap) -> FamilySc
     speed = max(one.other.limit, values["fast"])
     hidden = [build_due_vehicle(roads, "hidden0", "car", meeting, due_s, speed)]
     if values["mast"] < 0.5:
-        columns.append(CavColumn(*meeting, round(values["witnesses"]), due_s + values["behind_s"], values["headway_s"]))
+        behind_s = compute_due_behind(roads, hidden[0], meeting, values["behind_s"])
+        columns.append(CavColumn(*meeting, round(values["witnesses"]), behind_s, values["headway_s"]))
     egos = build_columns(roads, columns)
     start_m = find_station(roads, way.lanes, egos[0].start.x, egos[0].start.y)
     for k, (conflict, station) in enumerate(others, start=1):

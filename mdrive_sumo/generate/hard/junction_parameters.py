@@ -69,7 +69,6 @@ HIDDEN = (
 )
 WITNESSES = (
     name_number("near", 1.0, 3.0, "behind the hidden vehicle on the near way"),
-    FamilyParameter("near_s", 0.0, 0.5, "s", "how much later they are due"),
     name_number("far", 0.0, 2.0, "behind the hidden vehicle on the far way"),
-    FamilyParameter("far_s", -0.5, 2.0, "s", "how much later hidden vehicle and CAVs on the far way are due"),
+    FamilyParameter("far_s", -0.5, 2.0, "s", "how much later the hidden vehicle on the far way is due"),
 )

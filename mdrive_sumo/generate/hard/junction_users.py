@@ -13,7 +13,7 @@ from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
 from mdrive_sumo.scenario.start_boxes import CAR
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_arrival_trigger, build_driving_actor, build_mast
 from mdrive_sumo.worlds.placement.cavs import NoRoomError, build_cav
-from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_station
 from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow, build_flows
 
 RIM_M = 5.0
@@ -94,6 +94,16 @@ def build_due_vehicle(
     lanes, at_m = way
     start_m = max(at_m - speed * due_s, BODY_SIZES[model][0] / 2 + 1.0)
     return build_driving_actor(roads, name, model, (lanes, start_m, speed), **more)
+
+
+def compute_due_behind(roads: RoadMap, ahead: Actor, way: tuple[Lanes, float], behind_s: float) -> float:
+    """Return when [s] a CAV is due at a station of a chain of lanes that starts `behind_s` behind a vehicle there.
+
+    The vehicle may be faster than the road allows; the CAV is not.
+    """
+    timing = compute_timing(roads, way[0])
+    start_m = find_station(roads, way[0], ahead.start.x, ahead.start.y)
+    return timing.compute_between(start_m, way[1]) + behind_s
 
 
 def build_waiting_vehicle(
