@@ -16,7 +16,7 @@ from mdrive_sumo.roads.network_file import NETWORK_FILE, read_network_file
 from mdrive_sumo.roads.road_map import find_network_folder
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import evaluate
-from mdrive_sumo.runs.other_agents import OtherAgents, count_tested
+from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare_with_suite
 from mdrive_sumo.runs.recording_check import load_recording
 from mdrive_sumo.scenario.reference_times import find_reference_times, save_reference_times
@@ -63,7 +63,7 @@ class TwinRow:
     agent: str
     factor: TwinFactor | None
     results: tuple[Results, ...]
-    """Of all seeds; with factor `stranger` one for each number of CAVs. Empty if no twin could be made."""
+    """Of the run with all seeds; empty if no twin could be made."""
     twins: tuple[Twin, ...] = ()
     gaps: tuple[TwinGap, ...] = ()
 
@@ -110,8 +110,8 @@ class TwinStudy:
         for name, prepared in self.agents.items():
             yield TwinRow(name, None, (self._drive(name, prepared, ORIGINAL, progress),))
             for factor, (twins, gaps) in made.items():
-                runs = self._list_runs(prepared, factor, suites[factor]) if twins else ()
-                results = tuple(self._drive(name, run, part, progress) for part, run in runs)
+                runs = [self._prepare(prepared, factor, suites[factor])] if twins else []
+                results = tuple(self._drive(name, run, factor, progress) for run in runs)
                 yield TwinRow(name, factor, results, twins, gaps)
 
     def _find_conflicts(self, progress: StudyProgress) -> Mapping[str, HiddenConflicts]:
@@ -156,30 +156,22 @@ class TwinStudy:
                 gaps.append(TwinGap(scenario.id, factor, str(error)))
         return tuple(twins), tuple(gaps)
 
-    def _list_runs(self, prepared: PreparedRun, factor: TwinFactor, suite: Suite) -> Iterator[tuple[str, PreparedRun]]:
-        """Yield the runs of an agent in the twins of a factor, each with the name of its folder. Raises InputError."""
+    def _prepare(self, prepared: PreparedRun, factor: TwinFactor, suite: Suite) -> PreparedRun:
+        """Return the run of an agent in the twins of a factor. Raises InputError."""
         folder, mode = str(suite.folder), prepared.config.score_mode
         config = replace(prepared.config, suite=folder, scenario="*", chosen_mode=mode)
         if factor is TwinFactor.CONNECTION:
             config = replace(config, options=replace(config.options, comm=PRESETS["off"]))
-        if factor is not TwinFactor.STRANGER:
-            yield factor, prepare_with_suite(config, suite)
-            return
-        for cavs in sorted({len(scenario.egos) for scenario in suite.scenarios}):
-            names = _join_ids(scenario for scenario in suite.scenarios if len(scenario.egos) == cavs)
-            others = OtherAgents(self.stranger, find_penetration(cavs))
-            yield f"{factor}-of-{cavs}", prepare_with_suite(replace(config, scenario=names, others=others), suite)
+        if factor is TwinFactor.STRANGER:  # "under test" is what drives exactly one CAV
+            config = replace(config, agent=self.stranger, others=OtherAgents(config.agent))
+        return prepare_with_suite(config, suite)
 
     def _drive(self, name: str, prepared: PreparedRun, part: str, progress: StudyProgress) -> Results:
         """Return the results of a run with all seeds: few long runs keep many cores busy."""
-        folder = self.folder / RUNS_FOLDER / name_agent_folder(prepared.config.agent) / part
+        agent = self.agents[name].config.agent
+        folder = self.folder / RUNS_FOLDER / name_agent_folder(agent) / part
         progress.run(f"{name}, {part}")
         return evaluate(make_variant(prepared, prepared.config.options, self.seeds, folder), progress)
-
-
-def find_penetration(cavs: int) -> int:
-    """Return the percentage of CAVs [1, 99] that leaves one of 2 to 32 to the other agent."""
-    return next(share for share in range(99, 0, -1) if count_tested(cavs, share) == cavs - 1)
 
 
 def _join_ids(scenarios: Iterable[Scenario]) -> str:
@@ -296,11 +288,11 @@ def _compare(row: TwinRow, factor: TwinFactor, original: TwinRow) -> TwinLine | 
 
 def _pair(base: ScenarioResult, twin: ScenarioResult) -> tuple[ScenarioResult, ScenarioResult]:
     """Return original and twin with the scores to compare: with a stranger those of the CAVs that it does not drive."""
-    tested = {ego.id for ego in twin.egos if not ego.is_other}
-    if len(tested) == len(twin.egos):
+    own = {ego.id for ego in twin.egos if ego.is_other}
+    if not own:
         return base, base.model_copy(update={metric: getattr(twin, metric) for metric in METRICS})
     before, after = (
-        base.model_copy(update=_score_cavs([ego for ego in one.egos if ego.id in tested])) for one in (base, twin)
+        base.model_copy(update=_score_cavs([ego for ego in one.egos if ego.id in own])) for one in (base, twin)
     )
     return before, after
 
