@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
+from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_nested
 from mdrive_sumo.core.tables import (
     BestValue,
     Cell,
@@ -101,7 +101,7 @@ def test_cells_as_text(value: object, column: Column, text: str) -> None:
     ("style", "text"), [(IntervalStyle.ENDS, "80.00 [too few]"), (IntervalStyle.HALF_WIDTH, "80.00")]
 )
 def test_an_interval_over_too_few_scenarios_has_no_ends(style: IntervalStyle, text: str) -> None:
-    cell = Cell(80.0, bootstrap_mean(np.full(9, 80.0)))
+    cell = Cell(80.0, bootstrap_nested(np.full(9, 80.0), [(i,) for i in range(9)]))
     assert format_cell(cell, Column("d", "d", intervals=style)) == text
     table = Table("t", "T", (NAME, NUMBER), (make_row(("a", cell)),))
     assert [*csv.DictReader(io.StringIO(format_csv(table)))] == [

@@ -92,15 +92,15 @@ def test_only_intervals_without_0_show_a_difference() -> None:
 def test_few_scenarios_show_nothing(scenarios: int) -> None:
     """One scenario printed "+26.7 [+26.7, +26.7] ... gain"."""
     summary = summarise_gain([replace(row, results=row.results[:1]) for row in rows(2 * scenarios)])
-    assert {judge_interval(one) for one in gains(summary, "InterDrive").values()} == {"too few scenarios"}
+    assert {judge_interval(one) for one in gains(summary, "InterDrive").values()} == {"too few places"}
     table = build_gain_table(summary)
     assert [*map(format_cell, table.rows[0].cells, table.columns)] == [
         f"InterDrive ({scenarios})", "occlusion", "+20.0 [too few]", "+20.0 [too few]",
-        "too few scenarios", "too few scenarios",
+        "too few places", "too few places",
     ]  # fmt: skip
     lines = [*csv.DictReader(gain_csv(summary).splitlines())]
     few = [(line["low"], line["high"], line["shown"]) for line in lines if line["group"] != "all"]
-    assert {*few} == {("", "", "too few scenarios")}
+    assert {*few} == {("", "", "too few places")}
 
 
 @pytest.mark.slow
@@ -166,11 +166,11 @@ def test_one_command_makes_the_tables_and_a_second_one_drives_nothing(calls: lis
     out = tmp_path / "out"
     page = json.loads((out / "gain.json").read_text())
     found = {line["part"]: line["ds"] for line in page["gains"]}
-    assert (found["occlusion"]["mean"], found["occlusion"]["shown"]) == (20.0, "too few scenarios")
+    assert (found["occlusion"]["mean"], found["occlusion"]["shown"]) == (20.0, "too few places")
     assert (found["occlusion"]["low"], found["occlusion"]["high"], found["occlusion"]["units"]) == (None, None, 2)
     table = (out / "gain.md").read_text()
     assert "| occlusion | +20.0 [too few] |" in table
-    assert "too few scenarios" in table and "too few scenarios" in ended.stdout
+    assert "too few places" in table and "too few places" in ended.stdout
     lines = list(csv.DictReader((out / "gain.csv").read_text().splitlines()))
     assert {(line["part"], line["metric"]) for line in lines} == {
         (part.name, m) for part in PARTS for m in ("ds", "sr")
