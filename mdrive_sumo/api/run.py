@@ -127,7 +127,7 @@ class Run:
 
     @property
     def intervals(self) -> tuple[MeanIntervals, ...]:
-        """Means of DS and SR by bucket and overall with 95 % bootstrap intervals, over scenarios and seeds.
+        """Means of DS and SR by bucket and overall with 95 % bootstrap intervals over places, scenarios and seeds.
 
         Without bounds over fewer than ten scenarios.
         """
@@ -212,7 +212,7 @@ def load_run(folder: str | Path | Iterable[str | Path]) -> Run:
 
 
 def compare(run: Run | str | Path, other: Run | str | Path, *, mix_seasons: bool = False) -> RunComparison:
-    """Return the paired differences `other` minus `run`, with 95 % bootstrap intervals over the scenarios.
+    """Return the paired differences `other` minus `run`, with 95 % bootstrap intervals over places and scenarios.
 
     Of several seeds the mean score of each scenario is compared; scenarios that are void with any seed are left out.
     mix_seasons: runs of two seasons may be compared, by scenarios of the same id. Raises InputError for runs with

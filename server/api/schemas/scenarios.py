@@ -84,7 +84,7 @@ class PairedDifferenceOut(ResponseModel):
     ds: float
     ds_low: float | None
     ds_high: float | None
-    """95 % bootstrap interval of `ds`: the scenarios are resampled. None for too few of them."""
+    """95 % bootstrap interval of `ds`: places, their scenarios and seeds are resampled. None for too few places."""
     better: int
     """Scenarios in which B has at least 0.005 more."""
     equal: int
