@@ -68,7 +68,7 @@ class MapArea:
 
 @dataclass(frozen=True)
 class HdMap:
-    """Lanes, crosswalks, stop lines, signals and drivable areas of a map."""
+    """Lanes, crosswalks, stop lines, signals, drivable areas and buildings of a map."""
 
     lanes: Mapping[str, MapLane] = field(default_factory=dict[str, MapLane])
     crosswalks: tuple[Float, ...] = ()
@@ -80,5 +80,7 @@ class HdMap:
     """Whether traffic keeps to the left; None: unknown, to be estimated."""
     drivable_areas: tuple[MapArea, ...] = ()
     """Where vehicles may drive or park, lanes included if the source says so; for pictures."""
+    buildings: tuple[MapArea, ...] = ()
+    """What blocks sight and stops cars; no log's map has any, that of a drawn place does."""
     observed_areas: tuple[MapArea, ...] = ()
     """Where vehicles of the log drive or stand beyond lanes and drivable areas; for pictures."""

@@ -12,7 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from mdrive_sumo.core.output_files import make_folder, write_bytes, write_text
 from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
-from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
+from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, Building, compute_net_checksum
 from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.network.drivable_areas import collect_drivable_areas
 from real2sim.network.lane_adjacency import find_adjacencies
@@ -254,11 +254,19 @@ def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Pat
         build=("netconvert", *build_plain_arguments(left_hand), "--output-file", "map.net.xml"),
         checksum=compute_net_checksum(xml),
         stop_signs=build_stop_boxes(stops, lane_ids) if map.stop_lines else None,
+        buildings=_build_buildings(map),
         drivable_areas=collect_drivable_areas(map),
     )
     write_text(folder / NETWORK_FILE, about.model_dump_json(indent=1) + "\n")
     load_road_map.cache_clear()  # the folder may have held another network
     return load_road_map(folder)
+
+
+def _build_buildings(map: HdMap) -> tuple[Building, ...]:
+    return tuple(
+        Building(id=f"building_{number}", polygon=tuple((round(x, 2), round(y, 2)) for x, y in area.outline.tolist()))
+        for number, area in enumerate(map.buildings)
+    )
 
 
 def _sum_lengths(segments: Iterable[LaneSegment]) -> dict[str, float]:

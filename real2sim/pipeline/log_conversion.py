@@ -149,6 +149,7 @@ def _shift_map(hd_map: HdMap, shift: Float) -> HdMap:
         crosswalks=tuple(outline + shift for outline in hd_map.crosswalks),
         stop_lines=tuple(replace(line, line=line.line + shift) for line in hd_map.stop_lines),
         drivable_areas=tuple(_shift_area(area, shift) for area in hd_map.drivable_areas),
+        buildings=tuple(_shift_area(area, shift) for area in hd_map.buildings),
         observed_areas=tuple(_shift_area(area, shift) for area in hd_map.observed_areas),
     )
 

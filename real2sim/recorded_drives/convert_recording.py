@@ -2,13 +2,14 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder, make_parents
 from mdrive_sumo.generate.selection import SelectionItem, build_item
 from mdrive_sumo.generate.validation import ScenarioValidation, ValidationTask, validate_scenario
+from mdrive_sumo.roads import load_road_map
 from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from real2sim.clean import clean_recording
@@ -104,7 +105,9 @@ def build_site_network(tasks: Sequence[RecordingTask]) -> NetworkReport:
         for motion in vehicle_trajectories(clean_recording(recording).tracks).values()
     ]
     folder = first.work / SUITE / NETWORKS / name
-    return build_network(recordings[0].map, seen, folder, name, recordings[0].dt_s)
+    # The format has no buildings, which hide road users: they come from the place.
+    map_ = replace(recordings[0].map, buildings=build_hd_map(load_road_map(first.site.network)).buildings)
+    return build_network(map_, seen, folder, name, recordings[0].dt_s)
 
 
 def convert_recording(task: RecordingTask) -> RecordingOutcome | str:

@@ -18,42 +18,40 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
 from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.scenario.background import Background
-from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
+from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.study.occlusion_certificate import REFERENCE_OPTIONS
 from mdrive_sumo.sumo import SumoWorld
-from mdrive_sumo.v2x.comm_settings import PRESETS
 from mdrive_sumo.worlds.lane_routes import LaneRoute, find_lane_routes, locate_junction
 from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
 from mdrive_sumo.worlds.placement.lane_chains import build_route_line
-from mdrive_sumo.worlds.streams.near_traffic import TrafficRequest, build_near_traffic
+from mdrive_sumo.worlds.placement.occupancy import select_free_actors
+from mdrive_sumo.worlds.traffic import draw_traffic
+from real2sim.recorded_drives.hidden_users import draw_crossings, place_second_unit
 from real2sim.recorded_drives.recording_site import RecordingSite
-from real2sim.recorded_drives.scripted_people import build_people
 from real2sim.writers.episode_recording import record_episode
 from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp
 
 BUCKET, CATEGORY = "V2XPnP", "synthetic"
-DRIVER = "single"
-"""Agent of the CAVs during the recording."""
-WINDOW_S = 9.0
-"""[s] Length of a recording."""
-WARM_UP_S = 2.0
-LATEST_START_S = 46.0
-"""[s] The recording begins between `WARM_UP_S` and this time of the drive: signals have cycles of up to 90 s."""
-MIN_DISTANCE_M = 12.0
-"""[m] Each CAV drives at least this far in a recording."""
-LONG_M, LONG_COST = 42.0, 3.0
-"""[m], [deg/m] Cost of every metre beyond `LONG_M` in the choice of the window: the paper's routes are short, 45.68 m
-on average.
-"""
-
+DRIVER = "omniscient"
+"""Agent of the CAVs during the recording: it handles what comes out in front of it, so the log is clean."""
+BEGIN_S = 1.0
+"""[s] The recording begins: the CAVs, which start at `START_MPS`, are nearly at speed, and queues have set off."""
+SHORTEST_S, LONGEST_S = 7.0, 13.0
+"""[s] Of a recording."""
+MEAN_DISTANCE_M = 45.0
+"""[m] It ends when the CAVs have driven so far on average (paper: 45.68 m), and have passed what crosses their way."""
+MIN_DISTANCE_M = 20.0
+"""[m] Each CAV drives at least this far: shorter routes are extended along the lane (`fit.cavs.MIN_ROUTE_M`)."""
+PASSED_M = 6.0
+"""[m] Beyond the way of who crosses: the CAV's length and a metre."""
 TURNING_SHARE = 0.75
-"""Share of CAVs that turn."""
-START_M, LEAST_START_M = (10.0, 35.0), 5.0
+"""Share of CAVs that turn where there is a junction."""
+START_M, LEAST_START_M = (6.0, 36.0), 5.0
 """[m] Distance of CAV starts from the junction; least distance of starts and goals from the ends of a route."""
 START_MPS = 5.0
 MOST_TRIES = 300
@@ -68,20 +66,27 @@ class RecordedDrive:
     scenario: Scenario
     roads: RoadMap
     episode: EpisodeRecord
+    crossed_m: tuple[float, ...] = ()
+    """Distance [m] from the start of each CAV to who crosses its route; 0 for nobody."""
 
 
 def build_cavs(roads: RoadMap, count: int, rng: random.Random) -> tuple[Ego, ...]:
-    """Build CAVs well apart before junctions, on roads of one axis: lights then release them together.
+    """Build CAVs well apart before junctions, on roads of one axis: lights then release them together, and each sees
+    what the other one cannot.
 
     Raises InputError for a network without room for them.
     """
-    ways = {turns: [way for way in find_lane_routes(roads) if _does_turn(way) == turns] for turns in (False, True)}
+    ways = find_lane_routes(roads)
+    turning, straight = ([way for way in ways if _does_turn(way) == turns] for turns in (True, False))
     found: list[Ego] = []
-    for _ in range(MOST_TRIES if all(ways.values()) else 0):
-        way = rng.choice(ways[rng.random() < TURNING_SHARE])
+    for _ in range(MOST_TRIES):
+        kind = turning if rng.random() < TURNING_SHARE else straight
+        way = rng.choice(kind or turning or straight)
+        line_m = build_route_line(roads, way.lanes).last_m
         start = max(locate_junction(roads, way)[0] - rng.uniform(*START_M), LEAST_START_M)
-        spawn = SpawnPoint(start, build_route_line(roads, way.lanes).last_m - LEAST_START_M)
-        ego = build_spawned_cav(roads, str(len(found)), way, spawn, 0.0)
+        if line_m - LEAST_START_M < start + MEAN_DISTANCE_M:
+            continue
+        ego = build_spawned_cav(roads, str(len(found)), way, SpawnPoint(start, line_m - LEAST_START_M), 0.0)
         if all(_is_apart(ego, other) and _share_axis(ego, other) for other in found):
             found.append(ego.model_copy(update={"start_speed": START_MPS}))
         if len(found) == count:
@@ -106,9 +111,14 @@ def record_drive(site: RecordingSite, name: str, count: int, seed: int) -> Recor
     roads = load_road_map(site.network)
     rng = random.Random(derive_seed(seed, "synthetic", name))
     egos = build_cavs(roads, count, rng)
-    people = build_people(roads, site.people, LATEST_START_S + WINDOW_S, rng)
-    request = TrafficRequest(queue=0, others=site.vehicles, is_jammed=True)
-    vehicles = build_near_traffic(roads, egos, people, request, rng)
+    crossings = tuple(draw_crossings(roads, egos, rng))
+    if len(crossings) < count:
+        raise InputError(f"network {roads.name}: expected room for somebody who crosses before each CAV, found none")
+    users = select_free_actors(roads, egos, [actor for crossing in crossings for actor in crossing.actors])
+    traffic = draw_traffic(roads, egos, users, site.demand, rng)
+    units = [crossing.unit for crossing in crossings]
+    if count == 1:
+        units.append(place_second_unit(roads, egos[0], crossings[0]))
     scenario = Scenario(
         id=name,
         bucket=BUCKET,
@@ -116,37 +126,43 @@ def record_drive(site: RecordingSite, name: str, count: int, seed: int) -> Recor
         network=roads.name,
         signals="program",
         egos=egos,
-        background=Background(vehicles=vehicles),
-        actors=people,
-        rsus=tuple(RoadsideUnit(id=f"post{n}", x=x, y=y) for n, (x, y) in enumerate(site.stations)),
+        background=Background(vehicles=traffic.vehicles),
+        actors=traffic.actors,
+        rsus=tuple(units),
     )
-    sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in egos}
-    drivers = {ego.id: LocalDriver(AGENTS[DRIVER]({})) for ego in egos}
-    with SumoWorld(scenario, roads, sizes, derive_seed(seed, name, "sumo")) as world:
-        return RecordedDrive(scenario, roads, run_episode(_build_episode_config(scenario, roads, seed), world, drivers))
+    crossed_m = tuple(crossing.station for crossing in crossings)
+    return RecordedDrive(scenario, roads, _drive(scenario, roads, seed), crossed_m)
 
 
-def _build_episode_config(scenario: Scenario, roads: RoadMap, seed: int) -> EpisodeConfig:
-    """Configure an episode without messages, so that stations need no detections, that ends with the last window."""
-    over = round((LATEST_START_S + WINDOW_S) * TICKS_PER_SECOND) + 1
+def _drive(scenario: Scenario, roads: RoadMap, seed: int) -> EpisodeRecord:
+    """Return the episode, which ends with the longest recording; stations are not needed, the driver knows all."""
+    alone = scenario.model_copy(update={"rsus": ()})
+    over = round((BEGIN_S + LONGEST_S) * TICKS_PER_SECOND) + 1
     endings = tuple(Ending(ego.id, over, End.TIMED_OUT) for ego in scenario.egos)
-    return EpisodeConfig(scenario, roads, seed, options=EpisodeOptions(comm=PRESETS["off"]), replayed_failures=endings)
+    sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
+    drivers = {ego.id: LocalDriver(AGENTS[DRIVER]({})) for ego in scenario.egos}
+    config = EpisodeConfig(alone, roads, seed, options=REFERENCE_OPTIONS, replayed_failures=endings)
+    with SumoWorld(alone, roads, sizes, derive_seed(seed, scenario.id, "sumo")) as world:
+        return run_episode(config, world, drivers)
 
 
 def find_window(drive: RecordedDrive) -> tuple[float, float] | None:
-    """Return the window [s] in which the CAVs turn most while all of them drive; None if there is none.
+    """Return the window [s] of the drive that is recorded; None if a CAV hardly drives or leaves.
 
-    Distance beyond `LONG_M` counts against a window. Differences below a tenth of a degree are ignored; the first
-    window wins.
+    It ends as soon as the CAVs have driven `MEAN_DISTANCE_M` on average and passed those who cross, at the latest after
+    `LONGEST_S`.
     """
-    parts = [(start, start + WINDOW_S) for start in np.arange(WARM_UP_S, LATEST_START_S + 0.5, 1.0).tolist()]
-    fit = [part for part in parts if _do_all_cavs_drive(drive.episode, part)]
-    return max(fit, key=lambda part: round(_score_window(drive.episode, part), 1)) if fit else None
-
-
-def _score_window(episode: EpisodeRecord, part: tuple[float, float]) -> float:
-    too_long = np.maximum(_measure_distances(episode, part) - LONG_M, 0.0).sum()
-    return _measure_heading_change(episode, part) - LONG_COST * float(too_long)
+    for end in np.arange(SHORTEST_S, LONGEST_S + 0.05, 0.5).tolist():
+        part = (BEGIN_S, BEGIN_S + end)
+        rows = _select_rows(part)
+        if rows.stop > drive.episode.ticks + 1 or not drive.episode.valid[rows, : drive.episode.egos].all():
+            return None
+        driven = _measure_distances(drive.episode, part)
+        begun = _measure_distances(drive.episode, (0.0, BEGIN_S))
+        has_passed = bool((begun + driven >= np.array(drive.crossed_m or (0.0,)) + PASSED_M).all())
+        if has_passed and driven.mean() >= MEAN_DISTANCE_M and driven.min() >= MIN_DISTANCE_M:
+            return part
+    return part if driven.min() >= MIN_DISTANCE_M else None
 
 
 def _select_rows(part: tuple[float, float]) -> slice:
@@ -155,22 +171,10 @@ def _select_rows(part: tuple[float, float]) -> slice:
     return slice(first, last + 1, TICKS_PER_SECOND // 10)
 
 
-def _do_all_cavs_drive(episode: EpisodeRecord, part: tuple[float, float]) -> bool:
-    rows = _select_rows(part)
-    if rows.stop > episode.ticks or not episode.valid[rows, : episode.egos].all():
-        return False
-    return bool((_measure_distances(episode, part) >= MIN_DISTANCE_M).all())
-
-
 def _measure_distances(episode: EpisodeRecord, part: tuple[float, float]) -> Float:
     """Return the driven distance [m] of every CAV."""
     x, y = (values[_select_rows(part), : episode.egos] for values in (episode.x, episode.y))
     return np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0)
-
-
-def _measure_heading_change(episode: EpisodeRecord, part: tuple[float, float]) -> float:
-    yaw = np.unwrap(episode.yaw[_select_rows(part), : episode.egos], axis=0)
-    return float(np.degrees(np.abs(np.diff(yaw, axis=0)).sum()))
 
 
 def write_log(drive: RecordedDrive, window_s: tuple[float, float], folder: Path, seed: int) -> None:

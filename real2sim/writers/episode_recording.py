@@ -17,7 +17,7 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.export.lane_assignment import find_predecessors, offset_points
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
+from real2sim.hd_map import HdMap, LaneKind, MapArea, MapLane, StopLine
 from real2sim.readers.map_geometry import build_cross_line
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
@@ -113,7 +113,7 @@ def _build_track(episode: EpisodeRecord, column: int, ticks: np.ndarray, categor
 
 
 def build_hd_map(roads: RoadMap) -> HdMap:
-    """Build the HD map of a network: car lanes with boundaries, links, neighbours, limits; crosswalks, signs.
+    """Build the HD map of a network: car lanes with boundaries, links, neighbours, limits; crosswalks, signs, buildings.
 
     Footways are omitted: a RoadMap contains only their outlines.
     """
@@ -123,6 +123,7 @@ def build_hd_map(roads: RoadMap) -> HdMap:
         crosswalks=tuple(_build_crosswalk(line, width) for line, width in roads.crossings),
         stop_lines=tuple(_build_stop_lines(roads)),
         signals=_build_signals(roads),
+        buildings=tuple(MapArea(building.outline) for building in roads.buildings),
     )
 
 

@@ -15,8 +15,10 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
 from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
+from real2sim.hd_map import HdMap
 from real2sim.recording import DEFAULT_SIZE_M, ObjectCategory, ObserverView, RecordedTrack, Recording
 
 
@@ -79,8 +81,9 @@ def simulate_observers(truth: Recording, noise: ObservationNoise | None, seed: i
         **{str(-n): station.pose for n, station in enumerate(stations, start=1)},
     }
     carriers = {str(n): names[cav] for n, cav in enumerate(truth.cavs, start=1)}
+    draw = _ObserverDraw(noise, seed, truth.dt_s, _find_walls(truth.map)) if noise is not None else None
     views = tuple(
-        _simulate_view(agent, ObserverView(carriers.get(agent, ""), tracks, pose), noise, seed, truth.dt_s)
+        _simulate_view(agent, ObserverView(carriers.get(agent, ""), tracks, pose), draw)
         for agent, pose in observers.items()
     )
     return replace(truth, views=views, cavs=tuple(carriers))
@@ -100,18 +103,37 @@ def _get_cav_pose(track: RecordedTrack, cav: str) -> Float:
     return np.column_stack((track.x, track.y, track.yaw))
 
 
-def _simulate_view(
-    agent: str, scene: ObserverView, noise: ObservationNoise | None, seed: int, dt_s: float
-) -> ObserverView:
+@dataclass(frozen=True)
+class _ObserverDraw:
+    """What all observers of a scene share."""
+
+    noise: ObservationNoise
+    seed: int
+    dt_s: float
+    walls: BuildingEdges
+
+
+def _find_walls(map_: HdMap) -> BuildingEdges:
+    buildings = tuple(
+        Building(id=str(number), polygon=tuple(map(tuple, area.outline.tolist())))
+        for number, area in enumerate(map_.buildings)
+    )
+    return BuildingEdges(RoadMap("", Path(), {}, (), (), (), buildings, None, ""))
+
+
+def _simulate_view(agent: str, scene: ObserverView, draw: _ObserverDraw | None) -> ObserverView:
     """Simulate one view; `scene` holds all tracks, the carrier's id as observer ("" for a station) and its pose."""
     others = tuple(track for track in scene.tracks if track.id != scene.observer)
     station = agent.startswith("-")
-    if noise is None:
+    if draw is None:
         return ObserverView(agent, others, scene.pose, station)
+    noise, seed = draw.noise, draw.seed
     pose = scene.pose if station else _offset_sensor(scene.pose, noise, np.random.default_rng(derive_seed(seed, agent)))
-    seen = _compute_visibility(scene, pose, noise, noise.station_range_m if station else noise.cav_range_m)
+    seen = _compute_visibility(scene, pose, draw, noise.station_range_m if station else noise.cav_range_m)
     noted = (
-        _observe_track(track, seen[track.id], noise, np.random.default_rng(derive_seed(seed, agent, track.id)), dt_s)
+        _observe_track(
+            track, seen[track.id], noise, np.random.default_rng(derive_seed(seed, agent, track.id)), draw.dt_s
+        )
         for track in others
     )
     return ObserverView(agent, tuple(track for track in noted if track.valid.any()), pose, station)
@@ -131,17 +153,16 @@ def _offset_sensor(pose: Float, noise: ObservationNoise, rng: np.random.Generato
     )
 
 
-def _compute_visibility(scene: ObserverView, pose: Float, noise: ObservationNoise, range_m: float) -> dict[str, Bool]:
-    """Return a mask (T,) per track: True where enough of it is visible past the other boxes."""
-    buildings = BuildingEdges(RoadMap("", Path(), {}, (), (), (), (), None, ""))
+def _compute_visibility(scene: ObserverView, pose: Float, draw: _ObserverDraw, range_m: float) -> dict[str, Bool]:
+    """Return a mask (T,) per track: True where enough of it is visible past buildings and the other boxes."""
     seen = np.zeros((len(scene.tracks), len(pose)), dtype=np.bool_)
     for t, (x, y, yaw) in enumerate(pose.tolist()):
         rows = [i for i, track in enumerate(scene.tracks) if track.valid[t]]
         ids = [scene.tracks[i].id for i in rows]
         eye = SensorPose(x, y, yaw, ids.index(scene.observer) if scene.observer else None)
         boxes = _build_objects([scene.tracks[i] for i in rows], t)
-        seen[rows, t] = SightView(eye, SensingFrame(t, boxes, {}), buildings, range_m).visible_rows(
-            noise.min_visible_share
+        seen[rows, t] = SightView(eye, SensingFrame(t, boxes, {}), draw.walls, range_m).visible_rows(
+            draw.noise.min_visible_share
         )
     return {track.id: row for track, row in zip(scene.tracks, seen, strict=True)}
 
