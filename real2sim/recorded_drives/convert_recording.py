@@ -1,7 +1,7 @@
 """Record, convert and examine one synthetic recording; all recordings of a map share one network."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,12 +13,14 @@ from mdrive_sumo.roads import load_road_map
 from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from real2sim.clean import clean_recording
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.conversion_options import NETWORKS, ConversionOptions
 from real2sim.pipeline.quality_file import build_quality_file, save_quality
 from real2sim.pipeline.scenario_builder import build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recorded_drives.pose_thinning import thin_scenario
+from real2sim.recorded_drives.probe_scenario import probe_scenario
 from real2sim.recorded_drives.record_drive import BUCKET, CATEGORY, find_window, record_drive, write_log
 from real2sim.recorded_drives.recording_site import RecordingSite
 from real2sim.recording import vehicle_trajectories
@@ -59,6 +61,11 @@ class RecordingTask:
         return self.work / MAPS / f"{self.site.network.name}.pkl"
 
     @property
+    def network_folder(self) -> Path:
+        """Folder of the converted network, which all recordings of the place share."""
+        return self.work / SUITE / NETWORKS / f"v2xpnp_{self.site.network.name}"
+
+    @property
     def scenario_file(self) -> Path:
         """File of the converted scenario."""
         return self.work / SUITE / self.name / SCENARIO_FILE
@@ -72,8 +79,10 @@ class RecordingOutcome:
     misses: tuple[str, ...]
     """Missed targets of the conversion."""
     problems: tuple[str, ...]
-    """Why `mdrive-sumo validate` does not accept the scenario."""
-    omniscient_ds: float
+    """Why the scenario is not used: `mdrive-sumo validate` does not accept it, the CAVs of the log have infractions, or
+    an agent's score is out of bounds."""
+    scores: Mapping[str, float]
+    """Mean driving score of each agent of `probe_scenario`; none of a scenario with problems."""
     item: SelectionItem
     """Figures for the selection."""
 
@@ -97,17 +106,15 @@ def record_log(task: RecordingTask) -> str:
 def build_site_network(tasks: Sequence[RecordingTask]) -> NetworkReport:
     """Build WORK/suite/networks/<name> from the map and the motion in the first `VOTING_LOGS` logs."""
     first = tasks[0]
-    name = f"v2xpnp_{first.site.network.name}"
     recordings = [read_v2xpnp(task.log, task.map) for task in tasks[:VOTING_LOGS]]
     seen = [
         motion
         for recording in recordings
         for motion in vehicle_trajectories(clean_recording(recording).tracks).values()
     ]
-    folder = first.work / SUITE / NETWORKS / name
     # The format has no buildings, which hide road users: they come from the place.
     map_ = replace(recordings[0].map, buildings=build_hd_map(load_road_map(first.site.network)).buildings)
-    return build_network(map_, seen, folder, name, recordings[0].dt_s)
+    return build_network(map_, seen, first.network_folder, first.network_folder.name, recordings[0].dt_s)
 
 
 def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
@@ -133,9 +140,18 @@ def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
     quality = task.work / QUALITY / task.name
     make_folder(quality)
     save_quality(build_quality_file(built.findings), quality)
-    found = _examine(task)
-    item = build_item(scenario, str(len(scenario.egos)))
-    return RecordingOutcome(task.name, built.findings.misses, found.problems, found.omniscient_ds or 0.0, item)
+    problems, scores = _find_problems(task, built.findings), {}
+    if not problems:
+        probed = probe_scenario(scenario, load_road_map(task.network_folder))
+        problems, scores = ((probed,), {}) if isinstance(probed, str) else ((), probed)
+    return RecordingOutcome(task.name, built.findings.misses, problems, scores, build_item(scenario, task.site.setting))
+
+
+def _find_problems(task: RecordingTask, findings: ConversionFindings) -> tuple[str, ...]:
+    drive = findings.logged_drive
+    infractions = () if drive is None else drive.unconfirmed
+    logged = tuple(f"the log has {infraction.kind} of CAV {cav}" for cav, infraction in infractions)
+    return logged or _examine(task).problems
 
 
 def _examine(task: RecordingTask) -> ScenarioValidation:

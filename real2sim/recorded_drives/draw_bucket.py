@@ -2,8 +2,8 @@
 
 Synthetic recordings in the V2XPnP format, not the V2XPnP data set: drives in SUMO at drawn places are recorded by CAVs
 and road-side units, written in the format with its noise, and converted like `mdrive-sumo convert v2xpnp`, except that
-all logs of a place share one network. More recordings are made than needed; those whose means come nearest to the
-paper's table are kept. Recordings in which a CAV cannot arrive are dropped.
+all logs of a place share one network. Many more recordings are made than needed. Those are dropped in which the log's
+CAVs have an infraction or `omniscient` has one; agents drive the others, and a program chooses by means and scores.
 """
 
 import math
@@ -16,13 +16,12 @@ from typing import Any, TypeVar
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import copy_file, make_folder
 from mdrive_sumo.generate.seasons.season_bucket import BucketRequest
-from mdrive_sumo.generate.selection import SelectionItem, select_items
-from mdrive_sumo.generate.validation import FULL_SCORE
+from mdrive_sumo.generate.selection import SelectionItem
 from mdrive_sumo.runs.journal import Journal, open_journal
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
-from mdrive_sumo.scenario.statistics import PAPER
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, load_suite, save_suite, seal_suite
 from real2sim.network import NetworkReport
+from real2sim.recorded_drives.choose_recordings import choose_recordings
 from real2sim.recorded_drives.convert_recording import (
     NETWORKS,
     SUITE,
@@ -34,44 +33,36 @@ from real2sim.recorded_drives.convert_recording import (
 )
 from real2sim.recorded_drives.recording_site import draw_sites
 
-COUNT = 67
-SHARES = {2: 54, 1: 13}
-"""Number of the 67 scenarios by number of CAVs; 1.81 CAVs per scenario (paper: 1.80)."""
-DRIVES_PER_SCENARIO = 8.0
-"""Half of the drives stop at a red light; in half of the others a road user stands longer than in the log, or a CAV
-cannot arrive; and the means must match."""
-POOL_FACTOR = 1.6
-"""Scenarios in the pool per scenario that is kept."""
+DRIVES_PER_SCENARIO = 24.0
+"""Half of the drives have a CAV that waits or leaves; of the converted ones half are no use: measured, season 1."""
+LONE_SHARE = 0.22
+"""Share of drives with one CAV, the others have two (paper: 1.80 on average)."""
 LIMIT_S = 600.0
 R = TypeVar("R")
 
 
 def draw_bucket(request: BucketRequest) -> None:
     """Record, convert, select and write; raise InputError."""
-    wanted = split_count(request.count)
     with open_journal(request.work, request.fingerprint, fresh=False) as journal:
         known = {str(line["id"]): line for line in journal.results}
-        tasks = _build_tasks(request, wanted)
+        tasks = _build_tasks(request)
         logs = _run_all(record_log, "log", tasks, request, journal, known)
         recorded = [task for task in tasks if logs[task.name] == ""]
         ready = _add_networks(recorded, request)
         found = _run_all(convert_recording, "scenario", ready, request, journal, known)
     outcomes = [one for one in map(_read_outcome, found.values()) if one is not None]
-    _write_selection(request, outcomes, {str(cavs): number for cavs, number in wanted.items()})
+    _write_selection(request, outcomes)
 
 
-def split_count(count: int) -> dict[int, int]:
-    """Return the number of scenarios by number of CAVs, rounded so that they add up to `count`."""
-    pairs = round(count * SHARES[2] / COUNT)
-    return {2: pairs, 1: count - pairs}
-
-
-def _build_tasks(request: BucketRequest, wanted: Mapping[int, int]) -> list[RecordingTask]:
+def _build_tasks(request: BucketRequest) -> list[RecordingTask]:
     """Return all tasks: the drives go round the places."""
     sites = draw_sites(request.seed.derive("v2xpnp", "places"), request.work / "places")
-    drives = [cavs for cavs, number in wanted.items() for _ in range(math.ceil(DRIVES_PER_SCENARIO * number))]
     seed = int(request.seed.derive("v2xpnp", "drives")[:12], 16)
-    return [RecordingTask(sites[n % len(sites)], n, cavs, seed, request.work) for n, cavs in enumerate(drives)]
+    rng = random.Random(seed)
+    return [
+        RecordingTask(sites[n % len(sites)], n, 1 if rng.random() < LONE_SHARE else 2, seed, request.work)
+        for n in range(math.ceil(DRIVES_PER_SCENARIO * request.count))
+    ]
 
 
 def _add_networks(tasks: Sequence[RecordingTask], request: BucketRequest) -> list[RecordingTask]:
@@ -120,24 +111,12 @@ def _read_outcome(value: Any) -> RecordingOutcome | None:
     return RecordingOutcome(**value | {"item": SelectionItem(**value["item"])})
 
 
-def _write_selection(request: BucketRequest, outcomes: Sequence[RecordingOutcome], wanted: Mapping[str, int]) -> None:
-    """Select among the converted scenarios and write the sealed suite.
-
-    Scenarios that would fail `mdrive-sumo validate` are dropped. Those come first that miss no target of the
-    conversion and in which `omniscient` has no infraction; others fill the pool.
-    """
-    pool: list[SelectionItem] = []
-    for group, count in wanted.items():
-        sound = [one for one in outcomes if one.item.group == group and not one.problems]
-        if len(sound) < count:
-            raise InputError(f"v2xpnp: expected {count} sound scenarios with {group} CAVs, found {len(sound)}")
-        clean = [one for one in sound if not one.misses and one.omniscient_ds == FULL_SCORE]
-        rest = [one for one in sound if one not in clean]
-        pool += [one.item for one in (*clean, *rest[: max(math.ceil(POOL_FACTOR * count) - len(clean), 0)])]
-    paper = PAPER["v2xpnp"]
-    means = (None, paper.mean_route_m, paper.mean_heading_change_deg, paper.mean_actors)
-    rng = random.Random(request.seed.derive("selection", "v2xpnp"))
-    chosen = select_items(pool, wanted, means, rng)
+def _write_selection(request: BucketRequest, outcomes: Sequence[RecordingOutcome]) -> None:
+    """Choose among the sound scenarios and write the sealed suite."""
+    pool = [one for one in outcomes if not one.problems]
+    if len(pool) < request.count:
+        raise InputError(f"v2xpnp: expected {request.count} sound scenarios, found {len(pool)}")
+    chosen = [one.item for one in choose_recordings(pool, request.count)]
     source = request.work / SUITE
     for item in chosen:
         copy_file(source / item.id / SCENARIO_FILE, make_folder(request.folder / item.id) / SCENARIO_FILE)

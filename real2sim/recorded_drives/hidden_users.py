@@ -16,7 +16,7 @@ from mdrive_sumo.worlds.placement.blind_driving import BLIND_SPEED
 from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_arrival_trigger, build_crossing_actor
 from mdrive_sumo.worlds.placement.lane_chains import Spot, build_pose, compute_route_pose
 
-STATION_M = (19.0, 40.0)
+STATION_M = (13.0, 43.0)
 """[m] Along the route: later than the CAV can be at speed, and earlier than a recording of 46 m ends."""
 HIDDEN_SHARE = 0.75
 """Share of those who come out from behind something."""
@@ -50,12 +50,12 @@ class RouteCrossing:
     unit: RoadsideUnit
 
 
-def draw_crossings(roads: RoadMap, egos: Sequence[Ego], rng: random.Random) -> Iterator[RouteCrossing]:
+def draw_crossings(roads: RoadMap, egos: Sequence[Ego], rng: random.Random) -> Iterator[tuple[Ego, RouteCrossing]]:
     """Yield a road user for every CAV whose route has room for one."""
     for ego in egos:
         for _ in range(TRIES):
             if (crossing := _draw_crossing(roads, ego, rng)) is not None:
-                yield crossing
+                yield ego, crossing
                 break
 
 

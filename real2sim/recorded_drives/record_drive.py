@@ -112,13 +112,13 @@ def record_drive(site: RecordingSite, name: str, count: int, seed: int) -> Recor
     rng = random.Random(derive_seed(seed, "synthetic", name))
     egos = build_cavs(roads, count, rng)
     crossings = tuple(draw_crossings(roads, egos, rng))
-    if len(crossings) < count:
-        raise InputError(f"network {roads.name}: expected room for somebody who crosses before each CAV, found none")
-    users = select_free_actors(roads, egos, [actor for crossing in crossings for actor in crossing.actors])
+    if not crossings:
+        raise InputError(f"network {roads.name}: expected room for somebody who crosses before a CAV, found none")
+    users = select_free_actors(roads, egos, [actor for _, crossing in crossings for actor in crossing.actors])
     traffic = draw_traffic(roads, egos, users, site.demand, rng)
-    units = [crossing.unit for crossing in crossings]
-    if count == 1:
-        units.append(place_second_unit(roads, egos[0], crossings[0]))
+    units = [crossing.unit for _, crossing in crossings]
+    if len(units) == 1:
+        units.append(place_second_unit(roads, *crossings[0]))
     scenario = Scenario(
         id=name,
         bucket=BUCKET,
@@ -130,7 +130,8 @@ def record_drive(site: RecordingSite, name: str, count: int, seed: int) -> Recor
         actors=traffic.actors,
         rsus=tuple(units),
     )
-    crossed_m = tuple(crossing.station for crossing in crossings)
+    stations = {ego.id: crossing.station for ego, crossing in crossings}
+    crossed_m = tuple(stations.get(ego.id, 0.0) for ego in egos)
     return RecordedDrive(scenario, roads, _drive(scenario, roads, seed), crossed_m)
 
 

@@ -30,7 +30,7 @@ PLACES: Sequence[tuple[str, PlaceChoice, str]] = (
     ("roundabout", PlaceChoice("roundabout", {"arms": 4, "lanes": 1}), "town-busy"),
 )  # fmt: skip
 """Setting, place and demand of the places of a season."""
-COUNTS: Mapping[str, int] = {"most_vehicles": 30, "most_people": 38, "most_parked": 34}
+COUNTS: Mapping[str, int] = {"most_vehicles": 34, "most_people": 44, "most_parked": 42}
 """What an observer sees of them is about the 84 road users of the paper."""
 RATES: Mapping[str, float] = {"crossers_per_zebra": 2.0, "pull_out_share": 0.3, "deliveries_per_km": 2.0}
 
