@@ -62,20 +62,20 @@ def draw_crossings(roads: RoadMap, egos: Sequence[Ego], rng: random.Random) -> I
 def _draw_crossing(roads: RoadMap, ego: Ego, rng: random.Random) -> RouteCrossing | None:
     station = rng.uniform(*STATION_M)
     side = 1.0 if rng.random() < LEFT_SHARE else -1.0
-    edges = [find_road_edge(roads, ego, round(station), sign) for sign in (side, -side)]
-    if edges[0] is None or edges[1] is None or _is_in_junction(roads, ego, station):
+    near, far = (find_road_edge(roads, ego, round(station), sign) for sign in (side, -side))
+    if near is None or far is None or _is_in_junction(roads, ego, station):
         return None
     body, speeds = (BODIES["bicycle"], CYCLE_MPS) if rng.random() < CYCLIST_SHARE else (BODIES["adult"], WALK_MPS)
     speed = round(rng.uniform(*speeds), 2)
-    begin, end = (compute_route_pose(ego, station, sign * (edge + KERB_M))[:2]
-                  for sign, edge in zip((side, -side), edges, strict=True))  # fmt: skip
+    offsets = (side * (near + KERB_M), -side * (far + KERB_M))
+    begin, end = (compute_route_pose(ego, station, offset)[:2] for offset in offsets)
     is_hidden = rng.random() < HIDDEN_SHARE
-    screen = (_build_screen(ego, station, side * edges[0], rng),) if is_hidden else ()
-    lead_m = BLIND_SPEED * ((edges[0] + KERB_M) / speed + rng.uniform(*EARLY_S))
+    screen = (_build_screen(ego, station, side * near, rng),) if is_hidden else ()
+    lead_m = BLIND_SPEED * ((near + KERB_M) / speed + rng.uniform(*EARLY_S))
     trigger = build_arrival_trigger(ego, max(station - lead_m + TRIGGER_RADIUS_M, 0.0))
     user = build_crossing_actor(f"{body.kind}_{ego.id}", body, (begin, end), speed, trigger)
     ahead_m = rng.uniform(*UNIT_AHEAD_M)
-    unit = _place_unit(roads, ego, f"post{ego.id}", (station + ahead_m, side * (edges[0] + UNIT_KERB_M)))
+    unit = _place_unit(roads, ego, f"post{ego.id}", (station + ahead_m, side * (near + UNIT_KERB_M)))
     return RouteCrossing((*screen, user), station, unit)
 
 

@@ -31,7 +31,7 @@ from mdrive_sumo.worlds.placement.lane_chains import build_route_line
 from mdrive_sumo.worlds.placement.occupancy import select_free_actors
 from mdrive_sumo.worlds.traffic import draw_traffic
 from real2sim.recorded_drives.hidden_users import draw_crossings, place_second_unit
-from real2sim.recorded_drives.recording_site import RecordingSite
+from real2sim.recorded_drives.recording_site import RecordingSite, build_demand
 from real2sim.writers.episode_recording import record_episode
 from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp
@@ -66,7 +66,7 @@ class RecordedDrive:
     scenario: Scenario
     roads: RoadMap
     episode: EpisodeRecord
-    crossed_m: tuple[float, ...] = ()
+    crossed_m: tuple[float, ...]
     """Distance [m] from the start of each CAV to who crosses its route; 0 for nobody."""
 
 
@@ -115,7 +115,7 @@ def record_drive(site: RecordingSite, name: str, count: int, seed: int) -> Recor
     if not crossings:
         raise InputError(f"network {roads.name}: expected room for somebody who crosses before a CAV, found none")
     users = select_free_actors(roads, egos, [actor for _, crossing in crossings for actor in crossing.actors])
-    traffic = draw_traffic(roads, egos, users, site.demand, rng)
+    traffic = draw_traffic(roads, egos, users, build_demand(site.demand), rng)
     units = [crossing.unit for _, crossing in crossings]
     if len(units) == 1:
         units.append(place_second_unit(roads, *crossings[0]))
@@ -153,17 +153,18 @@ def find_window(drive: RecordedDrive) -> tuple[float, float] | None:
     It ends as soon as the CAVs have driven `MEAN_DISTANCE_M` on average and passed those who cross, at the latest after
     `LONGEST_S`.
     """
-    for end in np.arange(SHORTEST_S, LONGEST_S + 0.05, 0.5).tolist():
-        part = (BEGIN_S, BEGIN_S + end)
+    begun = _measure_distances(drive.episode, (0.0, BEGIN_S))
+    for length in np.arange(SHORTEST_S, LONGEST_S + 0.05, 0.5).tolist():
+        part = (BEGIN_S, BEGIN_S + length)
         rows = _select_rows(part)
         if rows.stop > drive.episode.ticks + 1 or not drive.episode.valid[rows, : drive.episode.egos].all():
             return None
         driven = _measure_distances(drive.episode, part)
-        begun = _measure_distances(drive.episode, (0.0, BEGIN_S))
-        has_passed = bool((begun + driven >= np.array(drive.crossed_m or (0.0,)) + PASSED_M).all())
-        if has_passed and driven.mean() >= MEAN_DISTANCE_M and driven.min() >= MIN_DISTANCE_M:
+        has_passed = bool((begun + driven >= np.array(drive.crossed_m) + PASSED_M).all())
+        has_driven = driven.mean() >= MEAN_DISTANCE_M or length == LONGEST_S
+        if driven.min() >= MIN_DISTANCE_M and has_driven and (has_passed or length == LONGEST_S):
             return part
-    return part if driven.min() >= MIN_DISTANCE_M else None
+    return None
 
 
 def _select_rows(part: tuple[float, float]) -> slice:

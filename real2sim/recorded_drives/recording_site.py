@@ -12,6 +12,7 @@ from mdrive_sumo.worlds.traffic import find_demand
 from mdrive_sumo.worlds.traffic.traffic_demand import TrafficDemand
 
 _SIGNALS = {"control": "signals", "program": "permitted", "zebras": True}
+_ROWS = {"parking": "both_sides"}
 PLACES: Sequence[tuple[str, PlaceChoice, str]] = (
     ("signalled", PlaceChoice("crossing", {"arms": 4, "main_lanes": 2, "beside": "parking", **_SIGNALS}), "town-busy"),
     ("signalled", PlaceChoice("crossing", {"arms": 4, "main_lanes": 1, "beside": "parking", **_SIGNALS}), "town-busy"),
@@ -22,9 +23,9 @@ PLACES: Sequence[tuple[str, PlaceChoice, str]] = (
     ("unsignalled", PlaceChoice("crossing", {"arms": 4, "control": "right_before_left"}), "town-busy"),
     ("unsignalled", PlaceChoice("corridor", {"junctions": 1, "lanes": 1, "signals": "none"}), "town-busy"),
     ("unsignalled", PlaceChoice("crossing", {"area": "old_town", "arms": 4, "control": "priority"}), "old-town"),
-    ("mid-block", PlaceChoice("corridor", {"junctions": 0, "lanes": 1, "zebras": 1, "parking": "both_sides"}), "town-busy"),
-    ("mid-block", PlaceChoice("corridor", {"junctions": 0, "lanes": 2, "parking": "both_sides"}), "town-busy"),
-    ("campus", PlaceChoice("residential_street", {"junctions": 1, "parking": "both_sides"}), "town-quiet"),
+    ("mid-block", PlaceChoice("corridor", {"junctions": 0, "lanes": 1, "zebras": 1, **_ROWS}), "town-busy"),
+    ("mid-block", PlaceChoice("corridor", {"junctions": 0, "lanes": 2, **_ROWS}), "town-busy"),
+    ("campus", PlaceChoice("residential_street", {"junctions": 1, **_ROWS}), "town-quiet"),
     ("campus", PlaceChoice("town_block", {"columns": 2, "rows": 1, "control": "right_before_left"}), "town-busy"),
     ("campus", PlaceChoice("driveways", {"driveways": 3}), "town-quiet"),
     ("roundabout", PlaceChoice("roundabout", {"arms": 4, "lanes": 1}), "town-busy"),
@@ -43,7 +44,8 @@ class RecordingSite:
     """Folder of the network."""
     setting: str
     """Signalled, unsignalled, mid-block, campus or roundabout."""
-    demand: TrafficDemand
+    demand: str
+    """Name of the demand that `build_demand` adapts."""
 
 
 def draw_sites(seed: str, folder: Path) -> list[RecordingSite]:
@@ -58,7 +60,7 @@ def _draw_site(index: int, seed: str, folder: Path) -> RecordingSite:
         place = draw_place(choice.kind, f"{seed}-{number}", **choice.parameters)
         roads = load_road_map(write_place(place, folder / place.name))
         if not check_place(roads):
-            return RecordingSite(roads.folder, setting, build_demand(demand))
+            return RecordingSite(roads.folder, setting, demand)
     raise AssertionError("unreachable")
 
 

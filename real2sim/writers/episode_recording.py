@@ -113,7 +113,7 @@ def _build_track(episode: EpisodeRecord, column: int, ticks: np.ndarray, categor
 
 
 def build_hd_map(roads: RoadMap) -> HdMap:
-    """Build the HD map of a network: car lanes with boundaries, links, neighbours, limits; crosswalks, signs, buildings.
+    """Build the HD map of a network: car lanes with boundaries, links, neighbours, limits; crosswalks, signs, houses.
 
     Footways are omitted: a RoadMap contains only their outlines.
     """
