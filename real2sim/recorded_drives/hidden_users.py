@@ -5,29 +5,34 @@ import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import shapely
 
+from mdrive_sumo.agents.sensorless import CONSTANT_SPEED
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_curve_speeds
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.start_boxes import CAR
 from mdrive_sumo.worlds.encounters.crossing_users import find_road_edge
-from mdrive_sumo.worlds.placement.blind_driving import BLIND_SPEED
+from mdrive_sumo.worlds.placement.blind_driving import BLIND_ACCELERATION, BLIND_SPEED
 from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_arrival_trigger, build_crossing_actor
 from mdrive_sumo.worlds.placement.lane_chains import Spot, build_pose, compute_route_pose
 
 STATION_M = (13.0, 43.0)
 """[m] Along the route: later than the CAV can be at speed, and earlier than a recording of 46 m ends."""
-HIDDEN_SHARE = 0.75
+HIDDEN_SHARE = 0.85
 """Share of those who come out from behind something."""
 LEFT_SHARE = 0.25
 """Share of those who come from the left."""
 CYCLIST_SHARE = 0.3
-WALK_MPS, CYCLE_MPS = (1.2, 2.6), (2.5, 4.5)
+WALK_MPS, CYCLE_MPS = (1.4, 3.0), (2.5, 5.0)
 """[m/s] From walking to running; cyclists who come off a pavement."""
-EARLY_S = (-0.3, 1.2)
+EARLY_S = (-0.3, 0.9)
 """[s] How long before blind driving gets there they are in the middle of its lane: with less or more nobody is hit."""
-HIDES_M = (0.6, 1.4)
+HIDES_M = (0.4, 1.0)
 """[m] Between what hides a road user and its way."""
 SCREENS = ("parked-van", "parked-van", "parked-car", "parked-truck")
 KERB_M = 0.8
@@ -36,7 +41,13 @@ UNIT_AHEAD_M, UNIT_KERB_M = (4.0, 14.0), 2.0
 """[m] A unit stands behind the kerb at which somebody waits, so far ahead along the route."""
 TRIGGER_RADIUS_M = 3.0
 """[m] Of `build_arrival_trigger`: it fires so much earlier."""
-TRIES = 20
+TRIES = 30
+SECOND_SHARE = 0.6
+"""Share of CAVs whose route two road users cross."""
+APART_M = 10.0
+"""[m] Between two on one route: a CAV that has stopped for the first is at speed again."""
+LEAST_START_S = 0.3
+"""[s] They wait at the start, so that nobody sees them on their way before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,16 +61,33 @@ class RouteCrossing:
     unit: RoadsideUnit
 
 
-def draw_crossings(roads: RoadMap, egos: Sequence[Ego], rng: random.Random) -> Iterator[tuple[Ego, RouteCrossing]]:
-    """Yield a road user for every CAV whose route has room for one."""
+def draw_crossings(
+    roads: RoadMap, egos: Sequence[Ego], start_mps: float, rng: random.Random
+) -> Iterator[tuple[Ego, RouteCrossing]]:
+    """Yield one or two road users for every CAV whose route has room for them. `start_mps` [m/s]: of the CAVs."""
     for ego in egos:
-        for _ in range(TRIES):
-            if (crossing := _draw_crossing(roads, ego, rng)) is not None:
-                yield ego, crossing
-                break
+        times = compute_blind_times(ego, start_mps)
+        stations: list[float] = []
+        for number in range(1 + (rng.random() < SECOND_SHARE)):
+            for _ in range(TRIES):
+                crossing = _draw_crossing(roads, ego, times, f"{ego.id}{number}", rng)
+                if crossing is not None and all(abs(crossing.station - s) > APART_M for s in stations):
+                    stations.append(crossing.station)
+                    yield ego, crossing
+                    break
 
 
-def _draw_crossing(roads: RoadMap, ego: Ego, rng: random.Random) -> RouteCrossing | None:
+def compute_blind_times(ego: Ego, start_mps: float) -> Float:
+    """Return the time [s] at which blind driving from `start_mps` [m/s] is at each metre of a CAV's route (N,)."""
+    path = build_path(ego.xy, CAR.rear_to_centre)
+    speeds = compute_curve_speeds(path, BLIND_SPEED, CONSTANT_SPEED.lateral_acceleration, CONSTANT_SPEED.braking)
+    metres = np.arange(len(ego.xy), dtype=np.float64)
+    bends = np.interp(np.linspace(0.0, path.goal_s, len(metres)), np.arange(len(speeds)) * SPACING_M, speeds)
+    rising = np.sqrt(start_mps * start_mps + 2 * BLIND_ACCELERATION * metres)
+    return np.concatenate(([0.0], np.cumsum(1.0 / np.minimum(rising, bends)[1:])))
+
+
+def _draw_crossing(roads: RoadMap, ego: Ego, times: Float, name: str, rng: random.Random) -> RouteCrossing | None:
     station = rng.uniform(*STATION_M)
     side = 1.0 if rng.random() < LEFT_SHARE else -1.0
     near, far = (find_road_edge(roads, ego, round(station), sign) for sign in (side, -side))
@@ -70,12 +98,14 @@ def _draw_crossing(roads: RoadMap, ego: Ego, rng: random.Random) -> RouteCrossin
     offsets = (side * (near + KERB_M), -side * (far + KERB_M))
     begin, end = (compute_route_pose(ego, station, offset)[:2] for offset in offsets)
     is_hidden = rng.random() < HIDDEN_SHARE
-    screen = (_build_screen(ego, station, side * near, rng),) if is_hidden else ()
-    lead_m = BLIND_SPEED * ((near + KERB_M) / speed + rng.uniform(*EARLY_S))
-    trigger = build_arrival_trigger(ego, max(station - lead_m + TRIGGER_RADIUS_M, 0.0))
-    user = build_crossing_actor(f"{body.kind}_{ego.id}", body, (begin, end), speed, trigger)
+    screen = (_build_screen(ego, f"screen_{name}", (station, side * near), rng),) if is_hidden else ()
+    start_s = float(np.interp(station, np.arange(len(times)), times)) - rng.uniform(*EARLY_S) - (near + KERB_M) / speed
+    if start_s < LEAST_START_S:
+        return None
+    trigger = build_arrival_trigger(ego, float(np.interp(start_s, times, np.arange(len(times)))) + TRIGGER_RADIUS_M)
+    user = build_crossing_actor(f"{body.kind}_{name}", body, (begin, end), speed, trigger)
     ahead_m = rng.uniform(*UNIT_AHEAD_M)
-    unit = _place_unit(roads, ego, f"post{ego.id}", (station + ahead_m, side * (near + UNIT_KERB_M)))
+    unit = _place_unit(roads, ego, f"post{name}", (station + ahead_m, side * (near + UNIT_KERB_M)))
     return RouteCrossing((*screen, user), station, unit)
 
 
@@ -84,13 +114,13 @@ def _is_in_junction(roads: RoadMap, ego: Ego, station: float) -> bool:
     return bool(roads.in_junction[roads.find_nearest_lanes(ego.xy[k][None]).lane[0]])
 
 
-def _build_screen(ego: Ego, station: float, edge: float, rng: random.Random) -> Actor:
+def _build_screen(ego: Ego, name: str, at: tuple[float, float], rng: random.Random) -> Actor:
     """Return a vehicle that stands at the edge of the road, directly before the station as the CAV comes."""
-    body = BODIES[rng.choice(SCREENS)]
+    (station, edge), body = at, BODIES[rng.choice(SCREENS)]
     back = station - rng.uniform(*HIDES_M) - BODIES["adult"].length / 2 - body.length / 2
     away = abs(edge) + rng.uniform(-0.1, 0.3) + body.width / 2
     pose = build_pose(*compute_route_pose(ego, back, away if edge > 0 else -away))
-    return build_actor(f"screen_{ego.id}", body, pose)
+    return build_actor(name, body, pose)
 
 
 def _place_unit(roads: RoadMap, ego: Ego, name: str, at: tuple[float, float]) -> RoadsideUnit:

@@ -111,12 +111,13 @@ def record_drive(site: RecordingSite, name: str, count: int, seed: int) -> Recor
     roads = load_road_map(site.network)
     rng = random.Random(derive_seed(seed, "synthetic", name))
     egos = build_cavs(roads, count, rng)
-    crossings = tuple(draw_crossings(roads, egos, rng))
+    crossings = tuple(draw_crossings(roads, egos, START_MPS, rng))
     if not crossings:
         raise InputError(f"network {roads.name}: expected room for somebody who crosses before a CAV, found none")
     users = select_free_actors(roads, egos, [actor for _, crossing in crossings for actor in crossing.actors])
     traffic = draw_traffic(roads, egos, users, build_demand(site.demand), rng)
-    units = [crossing.unit for _, crossing in crossings]
+    posts = {ego.id: crossing.unit for ego, crossing in crossings}
+    units = list(posts.values())
     if len(units) == 1:
         units.append(place_second_unit(roads, *crossings[0]))
     scenario = Scenario(
@@ -130,7 +131,9 @@ def record_drive(site: RecordingSite, name: str, count: int, seed: int) -> Recor
         actors=traffic.actors,
         rsus=tuple(units),
     )
-    stations = {ego.id: crossing.station for ego, crossing in crossings}
+    stations: dict[str, float] = {}
+    for ego, crossing in crossings:
+        stations[ego.id] = max(stations.get(ego.id, 0.0), crossing.station)
     crossed_m = tuple(stations.get(ego.id, 0.0) for ego in egos)
     return RecordedDrive(scenario, roads, _drive(scenario, roads, seed), crossed_m)
 
