@@ -1,5 +1,6 @@
 """The bucket of synthetic recordings: its numbers, made small, and the same from the same seed."""
 
+import random
 from pathlib import Path
 
 import numpy as np
@@ -8,22 +9,70 @@ from testing.worlds import straight_ego, straight_scenario
 
 from mdrive_sumo.generate.seasons.season_bucket import BucketRequest, find_bucket_drawer
 from mdrive_sumo.generate.seasons.season_seed import SeasonSeed
+from mdrive_sumo.generate.selection import SelectionItem, compute_means
+from mdrive_sumo.roads import load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle, Schedule
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion
+from mdrive_sumo.scenario.statistics import PAPER
 from mdrive_sumo.scenario.suite import SuiteFile, load_suite
-from real2sim.recorded_drives.draw_bucket import COUNT, SHARES, draw_bucket, split_count
+from real2sim.recorded_drives.choose_recordings import (
+    LEAST_GAIN,
+    LEAST_PLACES,
+    MEAN_SHARE,
+    MOST_BLIND,
+    SINGLE_RANGE,
+    choose_recordings,
+)
+from real2sim.recorded_drives.convert_recording import RecordingOutcome
+from real2sim.recorded_drives.draw_bucket import draw_bucket
 from real2sim.recorded_drives.pose_thinning import AWAY_M, thin_scenario
 
 
-@pytest.mark.parametrize("count", [1, 5, 10, 67])
-def test_kinds_add_up_to_the_count(count: int) -> None:
-    assert sum(split_count(count).values()) == count
+def outcome(number: int, rng: random.Random) -> RecordingOutcome:
+    """A sound scenario with figures around those of the paper."""
+    cavs = 1 if rng.random() < 0.2 else 2
+    single = rng.choice((60.0, 80.0, 100.0))
+    scores = {
+        "constant-speed": rng.uniform(20.0, 80.0),
+        "single": single,
+        "sharing": min(single + rng.choice((0.0, 15.0)), 100.0),
+        "sharing+negotiation": min(single + rng.choice((0.0, 15.0)), 100.0),
+        "omniscient": 100.0,
+    }
+    item = SelectionItem(
+        f"s{number}",
+        "signalled",
+        cavs,
+        rng.uniform(35.0, 60.0) * cavs,
+        rng.uniform(0.0, 110.0) * cavs,
+        rng.randint(60, 105),
+        f"place{number % 15}",
+        "",
+    )
+    return RecordingOutcome(item.id, (), (), scores, item)
 
 
-def test_the_whole_bucket_has_the_papers_number_of_cavs() -> None:
-    assert split_count(COUNT) == SHARES
-    assert sum(cavs * number for cavs, number in SHARES.items()) / COUNT == pytest.approx(1.80, abs=0.01)
+def test_the_choice_meets_means_and_scores_on_many_places() -> None:
+    rng = random.Random(1)
+    chosen = choose_recordings([outcome(n, rng) for n in range(240)], 67)
+    assert len(chosen) == 67
+    means, paper = compute_means([one.item for one in chosen]), PAPER["v2xpnp"]
+    aims = (paper.mean_cavs, paper.mean_route_m, paper.mean_heading_change_deg, paper.mean_actors)
+    for mean, aim in zip(means, aims, strict=True):
+        assert mean == pytest.approx(aim, rel=MEAN_SHARE + 0.005)
+    score = {agent: np.mean([one.scores[agent] for one in chosen]) for agent in chosen[0].scores}
+    assert score["constant-speed"] < MOST_BLIND + 0.5
+    assert SINGLE_RANGE[0] - 0.5 < score["single"] < SINGLE_RANGE[1] + 0.5
+    assert score["sharing"] - score["single"] > LEAST_GAIN - 0.5
+    assert score["sharing+negotiation"] - score["single"] > LEAST_GAIN - 0.5
+    places = [one.item.network for one in chosen]
+    assert len(set(places)) >= LEAST_PLACES
+    assert max(map(places.count, places)) <= 10
+
+
+def test_what_the_pool_cannot_give_is_missed_and_the_number_kept() -> None:
+    assert len(choose_recordings([outcome(n, random.Random(n)) for n in range(5)], 4)) == 4
 
 
 def walk(wiggle: float) -> Actor:
@@ -85,5 +134,6 @@ def test_the_same_season_makes_the_same_files(tmp_path: Path) -> None:
     (scenario,) = load_suite(str(first)).scenarios
     assert scenario.network.startswith("v2xpnp_")
     assert Path("networks", scenario.network, "map.net.xml.gz") in files
+    assert load_road_map(first / "networks" / scenario.network).buildings
     assert len(scenario.rsus) == 2
     assert len(scenario.background.vehicles) + len(scenario.actors) > 50
