@@ -151,7 +151,10 @@ def _find_problems(task: RecordingTask, findings: ConversionFindings) -> tuple[s
     drive = findings.logged_drive
     infractions = () if drive is None else drive.unconfirmed
     logged = tuple(f"the log has {infraction.kind} of CAV {cav}" for cav, infraction in infractions)
-    return logged or _examine(task).problems
+    if logged:
+        return logged
+    found = _examine(task)
+    return found.problems or (() if found.blind_ttc_s is not None else ("blind driving has no conflict",))
 
 
 def _examine(task: RecordingTask) -> ScenarioValidation:

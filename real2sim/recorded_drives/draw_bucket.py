@@ -33,9 +33,9 @@ from real2sim.recorded_drives.convert_recording import (
 )
 from real2sim.recorded_drives.recording_site import draw_sites
 
-DRIVES_PER_SCENARIO = 24.0
-"""Half of the drives have a CAV that waits or leaves; of the converted ones half are no use: measured, season 1."""
-LONE_SHARE = 0.22
+DRIVES_PER_SCENARIO = 11.0
+"""In half of the drives a CAV waits or leaves; of the others 41 % are of use (278 of 676, season 1)."""
+LONE_SHARE = 0.2
 """Share of drives with one CAV, the others have two (paper: 1.80 on average)."""
 LIMIT_S = 600.0
 R = TypeVar("R")

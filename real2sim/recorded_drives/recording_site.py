@@ -31,7 +31,7 @@ PLACES: Sequence[tuple[str, PlaceChoice, str]] = (
     ("roundabout", PlaceChoice("roundabout", {"arms": 4, "lanes": 1}), "town-busy"),
 )  # fmt: skip
 """Setting, place and demand of the places of a season."""
-COUNTS: Mapping[str, int] = {"most_vehicles": 34, "most_people": 44, "most_parked": 42}
+COUNTS: Mapping[str, int] = {"most_vehicles": 38, "most_people": 54, "most_parked": 52}
 """What an observer sees of them is about the 84 road users of the paper."""
 RATES: Mapping[str, float] = {"crossers_per_zebra": 2.0, "pull_out_share": 0.3, "deliveries_per_km": 2.0}
 
@@ -67,5 +67,5 @@ def _draw_site(index: int, seed: str, folder: Path) -> RecordingSite:
 def build_demand(name: str) -> TrafficDemand:
     """Return the named demand with the numbers of road users and the events of a recording."""
     demand = find_demand(name)
-    walkers = max(demand.walkers_per_km, 30.0)
+    walkers = max(demand.walkers_per_km, 45.0)
     return replace(demand, walkers_per_km=walkers, cyclists_per_km=12.0, fronts=1.5, **COUNTS, **RATES)  # pyright: ignore[reportArgumentType]
