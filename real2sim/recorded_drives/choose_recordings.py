@@ -19,8 +19,8 @@ LEAST_GAIN = 9.0
 """Mean gain in DS of the sharing agents over `single`; with other seeds 2, and an interval above 0."""
 LEAST_PLACES, MOST_SHARE = 13, 0.15
 """Places, and the greatest share of the scenarios at one of them."""
-AIM_PRICES = (300.0, 20.0)
-"""Price of missing a mean of the paper by all of it, and of a point of DS: 5 % of a mean outweigh half a point."""
+AIM_PRICES = (1000.0, 20.0)
+"""Price of missing a mean of the paper by all of it, and of a point of DS: 1 % of a mean outweighs half a point."""
 MISS_COST = 1.0
 """Points of DS that a missed target of the conversion costs."""
 

@@ -88,7 +88,9 @@ def test_users_cross_the_route_when_a_blind_cav_is_there(crossings: Crossings) -
         assert EARLY_S[0] - 0.5 < early_s < EARLY_S[1] + 0.5
 
 
-def test_most_users_come_out_from_behind_a_vehicle_and_a_unit_stands_beside_them(crossings: Crossings) -> None:
+def test_most_users_come_out_from_behind_a_vehicle_and_a_unit_stands_beside_them(
+    roads: RoadMap, crossings: Crossings
+) -> None:
     screens = [crossing.actors[0] for _, crossing in crossings if len(crossing.actors) == 2]
     assert len(screens) > len(crossings) / 2
     for ego, crossing in crossings:
@@ -130,7 +132,7 @@ def drive(*legs: tuple[float, float], crossed_m: float = 0.0) -> RecordedDrive:
 def test_a_recording_ends_when_the_cav_has_driven_as_far_as_in_the_paper() -> None:
     begin, end = find_window(drive((20.0, 5.0))) or (0.0, 0.0)
     assert begin == BEGIN_S
-    assert end - begin == MEAN_DISTANCE_M / 5.0
+    assert 0.0 <= end - begin - MEAN_DISTANCE_M / 5.0 < 0.5
     assert find_window(drive((20.0, 20.0))) == (BEGIN_S, BEGIN_S + SHORTEST_S)
 
 
