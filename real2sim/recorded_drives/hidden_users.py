@@ -31,14 +31,14 @@ CYCLIST_SHARE = 0.3
 WALK_MPS, CYCLE_MPS = (1.4, 3.0), (2.5, 5.0)
 """[m/s] From walking to running; cyclists who come off a pavement."""
 EARLY_S = (-0.3, 0.9)
-"""[s] How long before blind driving gets there they are in the middle of its lane: with less or more nobody is hit."""
+"""[s] How long before blind driving gets there they are in the middle of its lane: with less or more there is no contact."""
 HIDES_M = (0.4, 1.0)
 """[m] Between what hides a road user and its way."""
 SCREENS = ("parked-van", "parked-van", "parked-car", "parked-truck")
 KERB_M = 0.8
 """[m] Beyond the edge of the road they wait, and arrive."""
 UNIT_AHEAD_M, UNIT_KERB_M = (4.0, 14.0), 2.0
-"""[m] A unit stands behind the kerb at which somebody waits, so far ahead along the route."""
+"""[m] A unit stands behind the kerb at which a road user waits, so far ahead along the route."""
 TRIGGER_RADIUS_M = 3.0
 """[m] Of `build_arrival_trigger`: it fires so much earlier."""
 TRIES = 30
@@ -47,7 +47,7 @@ SECOND_SHARE = 0.6
 APART_M = 10.0
 """[m] Between two on one route: a CAV that has stopped for the first is at speed again."""
 LEAST_START_S = 0.3
-"""[s] They wait at the start, so that nobody sees them on their way before."""
+"""[s] They wait at the start, so that they are hidden until then."""
 
 
 @dataclass(frozen=True, slots=True)

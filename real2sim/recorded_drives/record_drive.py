@@ -68,7 +68,7 @@ class RecordedDrive:
     roads: RoadMap
     episode: EpisodeRecord
     crossed_m: tuple[float, ...]
-    """Distance [m] from the start of each CAV to who crosses its route; 0 for nobody."""
+    """Distance [m] from the start of each CAV to who crosses its route; 0 if there is none."""
 
 
 def build_cavs(roads: RoadMap, count: int, rng: random.Random) -> tuple[Ego, ...]:
@@ -114,7 +114,7 @@ def record_drive(site: RecordingSite, name: str, count: int, seed: int) -> Recor
     egos = build_cavs(roads, count, rng)
     crossings = tuple(draw_crossings(roads, egos, START_MPS, rng))
     if not crossings:
-        raise InputError(f"network {roads.name}: expected room for somebody who crosses before a CAV, found none")
+        raise InputError(f"network {roads.name}: expected room for a road user that crosses before a CAV, found none")
     users = select_free_actors(roads, egos, [actor for _, crossing in crossings for actor in crossing.actors])
     traffic = draw_traffic(roads, egos, users, build_demand(site.demand), rng)
     posts = {ego.id: crossing.unit for ego, crossing in crossings}
