@@ -31,7 +31,7 @@ CYCLIST_SHARE = 0.3
 WALK_MPS, CYCLE_MPS = (1.4, 3.0), (2.5, 5.0)
 """[m/s] From walking to running; cyclists who come off a pavement."""
 EARLY_S = (-0.3, 0.9)
-"""[s] How long before blind driving gets there they are in the middle of its lane: with less or more there is no contact."""
+"""[s] How long before blind driving gets there they are in the middle of its lane: with less or more none is hit."""
 HIDES_M = (0.4, 1.0)
 """[m] Between what hides a road user and its way."""
 SCREENS = ("parked-van", "parked-van", "parked-car", "parked-truck")
