@@ -208,7 +208,7 @@ FAMILIES = (
     ScenarioFamily(
         "emergency-vehicle",
         "An ambulance on call crosses a main street out of a minor one and comes into view at the last moment.",
-        (*OLD_TOWNS, *HEDGES, *STOP_PLACES),
+        (*OLD_TOWNS[:2], *HEDGES, *STOP_PLACES),  # streets of corridors end at the main one
         (*COLUMNS, *HIDDEN, MAST, name_flow(0.0, 400.0, "the main street")),
         stage_emergency_vehicle,
     ),
