@@ -94,19 +94,20 @@ def _build_nothing(roads: RoadMap, sides: Sequence[Side], values: Values, seed: 
 
 DRIVEWAY = StepOutKind(BODIES["car"], _choose_exits, _park_vans)
 TRACK = StepOutKind(BODIES["van"], _choose_exits, _build_nothing)
-_VEHICLES = {"people": (1.0, 1.0), "late_s": (-0.4, 0.8), "free_m": (0.0, 1.0), "arrival_s": (2.5, 5.0)}
+_VEHICLES = {"people": (1.0, 1.0), "late_s": (-0.4, 0.8), "free_m": (0.35, 1.0), "arrival_s": (2.5, 5.0)}
+"""Most cross to the other direction: in that of the CAVs they would be slow ahead of them."""
 FAMILIES = (
     ScenarioFamily(
         "driveway-exit",
         "Cars leave driveways between parked vans or hedges without a look, each in front of one CAV.",
         (
             PlaceChoice("residential_street", {"junctions": 0, "yards": 4, "gardens": "hedges", "limit_kmh": 30.0}),
+            PlaceChoice("residential_street", {"junctions": 1, "yards": 3, "gardens": "walls", "limit_kmh": 30.0}),
             PlaceChoice("driveways", {"speed_kmh": 50, "driveways": 5}),
-            PlaceChoice("car_park", {"speed_kmh": 50, "lanes": 1}),
         ),
         change_bounds(
             **_VEHICLES,
-            walking=(3.0, 6.0),
+            walking=(5.0, 8.0),
             along_m=(7.0, 16.0),
             run_up_m=(0.0, 1.5),
             vans=(1.0, 3.0),
@@ -122,7 +123,9 @@ FAMILIES = (
             PlaceChoice("country_road", {"tracks": 2, "limit_kmh": 100.0, "roadside": "barns", "keeps_sight": False}),
             PlaceChoice("country_road", {"tracks": 2, "limit_kmh": 80.0, "roadside": "hamlet", "keeps_sight": False}),
         ),
-        change_bounds(**_VEHICLES, walking=(4.0, 9.0), along_m=(10.0, 30.0), spacing_m=(5.0, 60.0)),
+        change_bounds(
+            **_VEHICLES, walking=(8.0, 12.0), along_m=(10.0, 24.0), spacing_m=(5.0, 60.0), oncoming=(0.0, 2.4)
+        ),
         partial(stage_step_outs, TRACK),
     ),
 )

@@ -201,7 +201,7 @@ _PARKED = {"parking": "both_sides", "lanes": 1, "limit_kmh": 50.0, "has_cycle_la
 PARKED_STREETS = (
     _choose("corridor", **_PARKED),
     _choose("corridor", **_PARKED, keeps_sight=False),
-    _choose("residential_street", parking="both_sides", limit_kmh=30.0),
+    _choose("residential_street", parking="both_sides", limit_kmh=30.0, lane_m=2.9),
 )
 TWO_LANES = (
     _choose("arterial", junctions=2, lanes=2, limit_kmh=50.0),

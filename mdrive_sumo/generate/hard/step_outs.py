@@ -148,6 +148,8 @@ def stage_step_outs(kind: StepOutKind, values: Values, seed: str, roads: RoadMap
         mine = egos[first : first + side.platoon.count]
         people += _build_people(roads, side, mine, values, kind.body, f"person{k}_")
         masts += [_build_mast(roads, side, i, f"mast{k}_{i}") for i in range(len(side.exits))]
+    if not people:
+        raise NoRoomError(f"network {roads.name}: expected someone who has time to come out, found nobody")
     standing = kind.build_standing(roads, sides, values, seed)
     clear = (*egos, *people, *standing) if kind.is_mirrored else (*egos, *people)
     vehicles = build_street_traffic(roads, round(values["vehicles"]), seed, clear)
