@@ -245,7 +245,7 @@ FAMILIES = (
         RIDER,
         PARKED_STREETS,
         along_m=(4.0, 14.0),
-        walking=(3.5, 5.5),
+        walking=(2.8, 4.2),
     ),
     _build_family(
         "standing-bus",

@@ -149,7 +149,7 @@ def stage_step_outs(kind: StepOutKind, values: Values, seed: str, roads: RoadMap
         people += _build_people(roads, side, mine, values, kind.body, f"person{k}_")
         masts += [_build_mast(roads, side, i, f"mast{k}_{i}") for i in range(len(side.exits))]
     if not people:
-        raise NoRoomError(f"network {roads.name}: expected someone who has time to come out, found nobody")
+        raise NoRoomError(f"network {roads.name}: expected road users with time to come out, found none")
     standing = kind.build_standing(roads, sides, values, seed)
     clear = (*egos, *people, *standing) if kind.is_mirrored else (*egos, *people)
     vehicles = build_street_traffic(roads, round(values["vehicles"]), seed, clear)
@@ -209,13 +209,13 @@ PARAMETERS = (
     FamilyParameter("people", 1.0, 2.0, "", "number of people at each, rounded"),
     FamilyParameter("arrival_s", 3.5, 7.0, "s", "time after which the first CAV is due at the first exit"),
     FamilyParameter("speed", 0.85, 1.0, "", "start speed as a share of the limit"),
-    FamilyParameter("headway_s", 0.8, 2.2, "s", "time headway of CAVs"),
+    FamilyParameter("headway_s", 1.2, 2.4, "s", "time headway of CAVs"),
     FamilyParameter("cavs", 1.5, 3.5, "", "number of CAVs in one direction, rounded"),
     FamilyParameter("oncoming", 1.5, 3.5, "", "number of CAVs in the other direction, rounded"),
     FamilyParameter("along_m", 1.5, 8.0, "m", "how far people run along the street before they turn out"),
-    FamilyParameter("run_up_m", 1.4, 3.0, "m", "distance of their way from the middle of what hides them"),
-    FamilyParameter("walking", 2.0, 3.4, "m/s", "speed of people"),
-    FamilyParameter("late_s", -0.4, 0.4, "s", "how much later than the person the CAV is where both meet"),
+    FamilyParameter("run_up_m", 2.0, 3.4, "m", "distance of their way from the middle of what hides them"),
+    FamilyParameter("walking", 1.9, 2.9, "m/s", "speed of people"),
+    FamilyParameter("late_s", -0.25, 0.3, "s", "how much later than the person the CAV is where both meet"),
     FamilyParameter("vans", 0.2, 0.9, "", "share of vans and lorries among what stands"),
     FamilyParameter("mast", 0.0, 1.0, "", "whether roadside units see the people (from 0.4 on)"),
     FamilyParameter("vehicles", 0.0, 40.0, "", "number of reactive vehicles"),
