@@ -127,7 +127,7 @@ def test_collisions_are_counted_by_impact_speed(results: Results) -> None:
 def test_report_has_every_scenario_and_category(results: Results) -> None:
     report = build_run_report(results)
     assert (
-        "| r1 | ins_c | 100.00 | 100.00 | 50.00 | 1.50 | 100.00 | 0.500 | 0.81 | - | - | - | - | 600 | 0 arrived, "
+        "| r1 | ins_c | 100.00 | 100.00 | 50.00 | 1.50 | 100.00 | 0.500 | 0.81 | - | - | - | - | - | 600 | 0 arrived, "
         "1 arrived |" in report
     )
     assert "| ins_sl | 1 | 50.00 | 50.00 | - | - | 50.00 | 0.500 | 0 | 50.00 |" in report
