@@ -68,6 +68,11 @@ class FamilySearch:
         """Whether nothing can be expected of more candidates."""
         return not self._names or (len(self.evaluations) >= GIVE_UP and not self._parents)
 
+    @property
+    def passed(self) -> int:
+        """Number of candidates that passed."""
+        return self._passed.total()
+
     def propose_batch(self) -> tuple[FamilyCandidate, ...]:
         """Return the next candidates; all of them must be recorded before the next batch."""
         begin = len(self.evaluations)
