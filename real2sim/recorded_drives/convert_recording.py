@@ -1,7 +1,7 @@
 """Record, convert and examine one synthetic recording; all recordings of a map share one network."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,14 +10,14 @@ from mdrive_sumo.core.output_files import make_folder, make_parents
 from mdrive_sumo.generate.selection import SelectionItem, build_item
 from mdrive_sumo.generate.validation import ScenarioValidation, ValidationTask, validate_scenario
 from mdrive_sumo.roads import load_road_map
-from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
+from mdrive_sumo.scenario.scenario import Scenario, load_scenario, save_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from real2sim.clean import clean_recording
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.conversion_options import NETWORKS, ConversionOptions
 from real2sim.pipeline.quality_file import build_quality_file, save_quality
-from real2sim.pipeline.scenario_builder import build_scenario
+from real2sim.pipeline.scenario_builder import build_scenario, make_reactive
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recorded_drives.pose_thinning import thin_scenario
 from real2sim.recorded_drives.probe_scenario import probe_scenario
@@ -25,6 +25,9 @@ from real2sim.recorded_drives.record_drive import BUCKET, CATEGORY, find_window,
 from real2sim.recorded_drives.recording_site import RecordingSite
 from real2sim.recording import vehicle_trajectories
 from real2sim.source_scene import SourceScene
+from real2sim.tracks.track_contacts import find_contacts
+from real2sim.traffic_fidelity.log_simulation import simulate_log
+from real2sim.traffic_fidelity.traffic_fidelity import SLACK_M, replace_poses
 from real2sim.writers.episode_recording import build_hd_map
 from real2sim.writers.v2xpnp_map import write_vector_map
 
@@ -140,21 +143,34 @@ def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
     quality = task.work / QUALITY / task.name
     make_folder(quality)
     save_quality(build_quality_file(built.findings), quality)
-    problems, scores = _find_problems(task, built.findings), {}
+    problems, scores = _find_problems(task, scenario, built.findings), {}
     if not problems:
         probed = probe_scenario(scenario, load_road_map(task.network_folder))
         problems, scores = ((probed,), {}) if isinstance(probed, str) else ((), probed)
     return RecordingOutcome(task.name, built.findings.misses, problems, scores, build_item(scenario, task.site.setting))
 
 
-def _find_problems(task: RecordingTask, findings: ConversionFindings) -> tuple[str, ...]:
+def _find_problems(task: RecordingTask, scenario: Scenario, findings: ConversionFindings) -> tuple[str, ...]:
     drive = findings.logged_drive
     infractions = () if drive is None else drive.unconfirmed
     logged = tuple(f"the log has {infraction.kind} of CAV {cav}" for cav, infraction in infractions)
-    if logged:
+    if logged or (logged := tuple(_find_hits(scenario, findings))):
         return logged
     found = _examine(task)
     return found.problems or (() if found.blind_ttc_s is not None else ("blind driving has no conflict",))
+
+
+def _find_hits(scenario: Scenario, findings: ConversionFindings) -> Iterator[str]:
+    """Yield the background vehicles that touch a CAV which drives as in the log,."""
+    recording, names = findings.recording, findings.names
+    by_name = {names[track.id]: track for track in findings.tracks if track.id in names}
+    run = simulate_log(make_reactive(scenario), findings.roads, by_name, recording.dt_s)
+    cavs = [by_name[ego.id] for ego in scenario.egos]
+    others = [one.id for one in scenario.background.vehicles if one.id in run.poses]
+    placed = [replace_poses(by_name[name], run.poses[name]) for name in others]
+    for i, j, _ in find_contacts([*cavs, *placed], SLACK_M).collisions:
+        if i < len(cavs) <= j:
+            yield f"background vehicle {others[j - len(cavs)]} hits CAV {scenario.egos[i].id} that drives as logged"
 
 
 def _examine(task: RecordingTask) -> ScenarioValidation:

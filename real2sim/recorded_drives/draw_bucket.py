@@ -35,8 +35,8 @@ from real2sim.recorded_drives.recording_site import draw_sites
 
 DRIVES_PER_SCENARIO = 11.0
 """In half of the drives a CAV waits or leaves; of the others 41 % are of use (278 of 676, season 1)."""
-LONE_SHARE = 0.2
-"""Share of drives with one CAV, the others have two (paper: 1.80 on average)."""
+LONE_SHARE = 0.15
+"""Share of drives with one CAV, the others have two (paper: 1.80 on average): more of these are dropped."""
 LIMIT_S = 600.0
 R = TypeVar("R")
 

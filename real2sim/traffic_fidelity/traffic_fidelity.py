@@ -170,7 +170,9 @@ def _find_new_contacts(
 ) -> tuple[tuple[str, str, int], ...]:
     logged = [tracks[vehicle.name] for vehicle in vehicles]
     placed = [
-        _with_poses(tracks[vehicle.name], run.poses[vehicle.name]) for vehicle in vehicles if vehicle.name in run.poses
+        replace_poses(tracks[vehicle.name], run.poses[vehicle.name])
+        for vehicle in vehicles
+        if vehicle.name in run.poses
     ]
     if len(placed) < 2:
         return ()
@@ -180,7 +182,7 @@ def _find_new_contacts(
     return tuple((names[a], names[b], frames) for a, b, frames in simulated if frozenset((a, b)) not in in_log)
 
 
-def _with_poses(track: RecordedTrack, poses: Float) -> RecordedTrack:
+def replace_poses(track: RecordedTrack, poses: Float) -> RecordedTrack:
     """Return the track with the poses of the simulation."""
     valid = np.isfinite(poses[:, 0])
     length, width = median_size(track)
