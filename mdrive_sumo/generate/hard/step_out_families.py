@@ -208,8 +208,9 @@ TWO_LANES = (
     _choose("corridor", lanes=2, limit_kmh=50.0, signals="some"),
 )
 PLAIN_STREETS = (
-    _choose("corridor", parking="none", lanes=1, limit_kmh=50.0, has_cycle_lanes=False),
+    _choose("corridor", parking="none", lanes=1, limit_kmh=50.0, signals="none", has_cycle_lanes=False),
     _choose("country_road", tracks=1, limit_kmh=60.0, roadside="hamlet"),
+    _choose("country_road", tracks=2, limit_kmh=60.0, roadside="open"),
 )
 ZEBRA_STREETS = (
     _choose("corridor", parking="none", lanes=1, limit_kmh=50.0, zebras=2, signals="none", has_cycle_lanes=False),
@@ -253,6 +254,7 @@ FAMILIES = (
         PASSENGER,
         TWO_LANES,
         spacing_m=(26.0, 45.0),
+        walking=(2.2, 3.4),
         run_up_m=(2.6, 3.4),
         people=(1.0, 3.0),
     ),
@@ -264,6 +266,7 @@ FAMILIES = (
         oncoming=(0.0, 0.4),
         cavs=(2.0, 5.0),
         exits=(2.0, 5.0),
+        walking=(2.0, 3.2),
         run_up_m=(2.0, 3.5),
         along_m=(0.5, 4.0),
     ),
@@ -272,7 +275,10 @@ FAMILIES = (
         "People cross on pedestrian crossings just behind vans that stand there, each in front of one CAV.",
         ZEBRA,
         ZEBRA_STREETS,
-        people=(1.0, 3.0),
+        people=(1.6, 3.4),
+        cavs=(1.6, 2.6),
+        oncoming=(1.0, 2.4),
+        walking=(2.0, 3.0),
         run_up_m=(1.5, 2.6),
         along_m=(1.0, 5.0),
     ),
@@ -284,6 +290,7 @@ FAMILIES = (
         oncoming=(0.0, 0.4),
         cavs=(2.0, 5.0),
         spacing_m=(8.0, 25.0),
+        walking=(1.6, 2.4),
         people=(1.0, 2.0),
         along_m=(0.1, 1.0),
     ),
