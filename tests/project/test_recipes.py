@@ -183,7 +183,7 @@ def test_a_baseline_is_one_file_and_a_line_in_the_registry(results: dict[str, An
 @pytest.mark.slow
 def test_a_scalar_metric_is_a_value_per_scenario_and_a_column(run: tuple[dict[str, Any], str]) -> None:
     results, report = run
-    assert set(results["run"]["plug_ins"]) == {"metrics episode_length", "metrics standing"}
+    assert set(results["run"]["plug_ins"]) == {"metrics episode_length", "metrics haste"}
     assert all(scenario["scalars"]["episode_length"] > 0 for scenario in results["scenarios"])
     assert "length [s]" in report
 
@@ -192,7 +192,7 @@ def test_a_scalar_metric_is_a_value_per_scenario_and_a_column(run: tuple[dict[st
 def test_an_infraction_metric_changes_ds(results: dict[str, Any]) -> None:
     for ego in iterate_egos(results):
         factors = {infraction["kind"]: infraction["factor"] for infraction in ego["infractions"]}
-        assert factors.pop("standing") == 0.9
+        assert factors.pop("haste") == 0.9
         others = 1.0
         for factor in factors.values():
             others *= factor
