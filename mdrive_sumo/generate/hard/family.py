@@ -5,7 +5,7 @@ by geometry and right of way. Equal candidates on equal places make equal scenar
 """
 
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
@@ -20,9 +20,7 @@ from mdrive_sumo.scenario.scripted_actor import Actor, StandingMotion
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.start_boxes import build_user_box
 from mdrive_sumo.scenario.weather import WeatherName
-from mdrive_sumo.worlds.placement.cavs import Platoon, build_platoons
 from mdrive_sumo.worlds.placement.occupancy import overlaps_building
-from mdrive_sumo.worlds.streams.lane_flows import TrafficFlow, build_flows
 
 BUCKET = "Hard"
 """Bucket of every scenario of the hard tier."""
@@ -135,14 +133,6 @@ def _find_contacts(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
     yield from find_spawn_overlaps(scenario, roads)
 
 
-def stage_flows(
-    roads: RoadMap, platoons: Sequence[Platoon], flows: Sequence[TrafficFlow], seed: str, actors: Sequence[Actor] = ()
-) -> FamilyScene:
-    """Return a scene with platoons of CAVs, scripted actors, and reactive traffic along lanes."""
-    egos = build_platoons(roads, platoons)
-    return FamilyScene(egos, build_flows(roads, flows, seed, (*egos, *actors)), tuple(actors))
-
-
 def check_candidate(family: ScenarioFamily, candidate: FamilyCandidate) -> None:
     """Check number and bounds of a candidate's values. Raises InputError."""
     if len(candidate.values) != len(family.parameters):
@@ -153,17 +143,3 @@ def check_candidate(family: ScenarioFamily, candidate: FamilyCandidate) -> None:
                 f"{family.category}: {parameter.name}: expected {parameter.low:g} to {parameter.high:g}"
                 f" {parameter.unit}, found {value:g}"
             )
-
-
-def build_encounter_parameters(
-    own_m: tuple[float, float], own_speed: tuple[float, float], hidden_speed: tuple[float, float]
-) -> tuple[FamilyParameter, ...]:
-    """Return the parameters of `place_encounter` but `cavs` and `mast`, with bounds of distance and speeds."""
-    return (
-        FamilyParameter("own_m", *own_m, "m", "distance of CAV 0 from the conflict"),
-        FamilyParameter("own_speed", *own_speed, "m/s", "start speed of CAV 0"),
-        FamilyParameter("gap_s", -2.0, 2.0, "s", "how much later than CAV 0 the hidden vehicle reaches the conflict"),
-        FamilyParameter("hidden_speed", *hidden_speed, "m/s", "speed of the hidden vehicle"),
-        FamilyParameter("connected", 0.0, 1.0, "", "whether the hidden vehicle is a CAV (from 0.5 on)"),
-        FamilyParameter("behind_m", 12.0, 30.0, "m", "distance of the witness behind the hidden vehicle"),
-    )

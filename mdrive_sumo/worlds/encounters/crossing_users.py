@@ -2,7 +2,6 @@
 
 import random
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,18 +17,14 @@ from mdrive_sumo.worlds.placement.bodies import (
     BODIES,
     Body,
     build_actor,
-    build_arrival_trigger,
     build_crossing_actor,
     build_distance_trigger,
     build_rider,
 )
 from mdrive_sumo.worlds.placement.lane_chains import (
-    Lanes,
     Spot,
     build_pose,
-    compute_pose,
     compute_route_pose,
-    find_station,
 )
 
 WALKING_MPS: Mapping[str, float] = {
@@ -114,27 +109,6 @@ def _find_kerbs(actor: ProposedActor, ego: Ego, roads: RoadMap, station: float) 
     out = portable.hypot(end[0] - begin[0], end[1] - begin[1])
     ux, uy = (end[0] - begin[0]) / out, (end[1] - begin[1]) / out
     return (begin[0] - ux, begin[1] - uy), (end[0] + ux, end[1] + uy)
-
-
-@dataclass(frozen=True, slots=True)
-class StepOut:
-    """A road user that crosses a chain of lanes when a CAV on it comes near."""
-
-    body: Body
-    station: float
-    """[m] Along the chain."""
-    offsets: tuple[float, float]
-    """[m] Of begin and end to the left of the chain's centre line."""
-    speed: float
-    lead_m: float
-    """[m] Distance of the CAV from the station at which the road user starts."""
-
-    def build(self, roads: RoadMap, lanes: Lanes, name: str, cav: Ego) -> Actor:
-        """Return the road user."""
-        along = self.station - find_station(roads, lanes, cav.start.x, cav.start.y)
-        begin, end = (compute_pose(roads, lanes, self.station, offset) for offset in self.offsets)
-        trigger = build_arrival_trigger(cav, along - self.lead_m)
-        return build_crossing_actor(name, self.body, ((begin.x, begin.y), (end.x, end.y)), self.speed, trigger)
 
 
 class CrossingRequest(NamedTuple):

@@ -88,18 +88,6 @@ def build_cav(
     return build_ego(name, Route(select_lanes(roads, lanes, start_m, goal_m), xy, yaws), speed)
 
 
-def build_platoon(
-    roads: RoadMap, names: Sequence[str], lanes: Lanes, fronts: tuple[float, float], drive: tuple[float, float]
-) -> list[Ego]:
-    """Return CAVs that follow each other on a chain of lanes: as many of the names as have room.
-
-    `fronts`: station [m] of the first and gap [m] between centres; `drive`: goal [m], the same for all, and speed.
-    """
-    stations = [fronts[0] - k * fronts[1] for k in range(len(names))]
-    placed = [(name, station) for name, station in zip(names, stations, strict=True) if station >= 0.0]
-    return [build_cav(roads, name, lanes, (station, drive[0]), drive[1]) for name, station in placed]
-
-
 @dataclass(frozen=True, slots=True)
 class Platoon:
     """CAVs one behind the other along a chain of lanes."""
