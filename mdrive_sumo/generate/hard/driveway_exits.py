@@ -94,8 +94,7 @@ def _build_nothing(roads: RoadMap, sides: Sequence[Side], values: Values, seed: 
 
 DRIVEWAY = StepOutKind(BODIES["car"], _choose_exits, _park_vans)
 TRACK = StepOutKind(BODIES["van"], _choose_exits, _build_nothing)
-_VEHICLES = {"people": (1.0, 1.0), "late_s": (-0.4, 0.8), "free_m": (0.35, 1.0), "arrival_s": (2.5, 5.0)}
-"""Most cross to the other direction: in that of the CAVs they would be slow ahead of them."""
+_VEHICLES = {"people": (1.0, 1.0), "late_s": (-0.4, 0.8), "free_m": (0.0, 1.0), "arrival_s": (2.5, 5.0)}
 FAMILIES = (
     ScenarioFamily(
         "driveway-exit",
@@ -107,7 +106,7 @@ FAMILIES = (
         ),
         change_bounds(
             **_VEHICLES,
-            walking=(5.0, 8.0),
+            walking=(3.0, 6.0),
             along_m=(7.0, 16.0),
             run_up_m=(0.0, 1.5),
             vans=(1.0, 3.0),
@@ -124,7 +123,10 @@ FAMILIES = (
             PlaceChoice("country_road", {"tracks": 2, "limit_kmh": 80.0, "roadside": "hamlet", "keeps_sight": False}),
         ),
         change_bounds(
-            **_VEHICLES, walking=(8.0, 12.0), along_m=(10.0, 24.0), spacing_m=(5.0, 60.0), oncoming=(0.0, 2.4)
+            **_VEHICLES,
+            walking=(4.0, 9.0),
+            along_m=(10.0, 30.0),
+            spacing_m=(5.0, 60.0),
         ),
         partial(stage_step_outs, TRACK),
     ),
