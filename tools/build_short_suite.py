@@ -4,7 +4,7 @@
     python -m tools.build_short_suite RUN... --count 40 --out mdrive_sumo/scenarios/season_3/mdrive-40
 
 OUT lies beside the suites of the season, whose scenarios it names. What is printed comes from the same runs; runs with
-other seeds say how well the choice holds: `--check RUN`.
+other seeds say how well the choice holds: `--check RUN`. With `--dry-run` only that is printed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from mdrive_sumo.generate.short_suite import AgentScores, choose_scenarios, comp
 from mdrive_sumo.runs.run_folder import load_run_results
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite, seal_suite
 from mdrive_sumo.scoring import Results, load_results
-from tools.tool_command import HELP, ToolCommand
+from tools.tool_command import HELP, ToolCommand, dry_run_option
 
 
 def load_scores(places: Sequence[Path], suite: Suite) -> AgentScores:
@@ -64,14 +64,17 @@ PATH = click.Path(path_type=Path, exists=True)
 @click.option("--count", type=click.IntRange(min=1), default=40, show_default=True, help="Scenarios to choose.")
 @click.option("--check", "checks", multiple=True, type=PATH, help="A run that chooses nothing; may repeat.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of the suite.")
-def main(runs: Sequence[Path], name: str, count: int, checks: Sequence[Path], out: Path) -> None:
+@dry_run_option
+def main(runs: Sequence[Path], name: str, count: int, checks: Sequence[Path], out: Path, dry_run: bool) -> None:
     """Choose scenarios by runs of several agents and write the suite."""
     suite = load_suite(name)
     buckets = {scenario.id: scenario.bucket for scenario in suite.scenarios}
     scores = load_scores(runs, suite)
     chosen = choose_scenarios(scores, buckets, count)
-    made = build_suite(suite, chosen, out)
-    echo(f"{out}: {len(made)} scenarios; Kendall's tau of {len(scores)} agents {_compare(scores, chosen, buckets)}")
+    if not dry_run:
+        build_suite(suite, chosen, out)
+    told = f"{len(chosen)} scenarios{' would be written' if dry_run else ''}"
+    echo(f"{out}: {told}; Kendall's tau of {len(scores)} agents {_compare(scores, chosen, buckets)}")
     for agent in scores:
         others = {other: of_agent for other, of_agent in scores.items() if other != agent}
         tau = _compare(scores, choose_scenarios(others, buckets, count), buckets)

@@ -49,8 +49,8 @@ def find_suite_problems(suite: Suite, examinations: Sequence[ScenarioValidation]
         for part in suite.parts or (suite,)
         for problem in _find_part_problems(part, examinations)
     )
-    if not (suite.parts and is_packaged(suite)):
-        return of_parts
+    if not suite.parts or suite.about.only or not is_packaged(suite):
+        return of_parts  # a short suite is for quick work: the whole season beside it has every rule
     missing = find_missing_rules(suite)
     return (*of_parts, *(f"{suite.name}: expected a scenario that exercises {rule}, found none" for rule in missing))
 

@@ -122,7 +122,7 @@ def test_perception_swaps_differ_in_their_detector_only(name: str) -> None:
         *((agent, {"range": True}, "option range: expected a number in [5, 200], found True") for agent in DRIVING),
         *((agent, {"detector": "eyes"}, "option detector: expected one of standard, lidar") for agent in DRIVING),
         ("colmdriver-rule", {"compat_ego0": 2}, "option compat_ego0: expected a number in [0, 1], found 2"),
-        ("sharing", {"compat_ego0": 1}, "options among (detector, range, speed, speed_share), found 'compat_ego0'"),
+        ("sharing", {"compat_ego0": 1}, "junction_share, range, speed, speed_share), found 'compat_ego0'"),
         ("perception-swap:cobevt", {"range": 50.0}, "expected options among (none), found 'range'"),
         ("colmdriver", {"endpoint": "http://127.0.0.1:9/v1", "speed": 1.0}, "option speed: expected a number in"),
     ],

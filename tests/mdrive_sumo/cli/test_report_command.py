@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 TABLES = {
     *("main", "buckets", "levels", "interdrive_groups", "categories_h", "categories_ds", "categories_sr"),
     *("differences", "differences_by_bucket", "outcomes", "infractions", "distribution", "cooperation", "efficiency"),
-    *("scenarios_ds", "scenarios_sr", "provenance"),
+    *("scenarios_ds", "scenarios_sr", "provenance", "ranking"),
 }
 FIGURES = {"levels", "differences", "distribution", "scenarios"}
 

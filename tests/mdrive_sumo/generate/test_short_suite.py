@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from testing.season_suites import write_season
 from testing.worlds import straight_ego, straight_scenario
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.short_suite import choose_scenarios, compare_rankings, split_count
 from mdrive_sumo.scenario.suite import Suite, load_suite, load_suite_of_one
+from tools import build_short_suite
 from tools.build_short_suite import build_suite
 
 BUCKETS = {f"a{k}": "A" for k in range(6)} | {f"b{k}": "B" for k in range(12)}
@@ -64,6 +66,20 @@ def test_a_short_suite_has_the_named_scenarios_of_its_parts(whole: Suite) -> Non
     assert [scenario.id for scenario in made] == ["interdrive_7", "v2xpnp_7"] and made.season == 7
     assert made.label == "mdrive-2@7" and len(made.parts) == 3
     assert load_suite_of_one(made.folder, "v2xpnp_7").label == made.label
+
+
+def test_a_dry_run_says_how_well_the_choice_holds_and_writes_nothing(
+    whole: Suite, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scores = {f"agent{k}": {scenario.id: 30.0 * k + n for n, scenario in enumerate(whole)} for k in range(2)}
+    monkeypatch.setattr(build_short_suite, "load_scores", lambda places, suite: scores)
+    out = whole.folder.with_name("mdrive-1")
+    command = [str(whole.folder), "--suite", str(whole.folder), "--count", "1", "--out", str(out)]
+    told = CliRunner().invoke(build_short_suite.main, [*command, "--dry-run"])
+    assert told.exit_code == 0 and not out.exists(), told.output
+    assert f"{out}: 1 scenarios would be written; Kendall's tau of 2 agents 1.000" in told.output
+    told = CliRunner().invoke(build_short_suite.main, command)
+    assert told.exit_code == 0 and len(load_suite(str(out))) == 1, told.output
 
 
 @pytest.mark.parametrize(

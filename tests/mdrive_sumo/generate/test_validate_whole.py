@@ -293,6 +293,19 @@ def test_each_part_is_checked_on_its_own(tmp_path: Path) -> None:
     assert problem.startswith("b: occlusion.json: expected what was just found")
 
 
+def test_a_whole_packaged_season_has_every_rule_and_a_short_one_need_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    suite = composite(tmp_path, 1, 2)
+    keep(suite.parts[0])
+    keep(suite.parts[1])
+    monkeypatch.setattr(suite_validation, "name_packaged_suite", {suite.folder: "all"}.get)
+    missing = find_suite_problems(suite, examined(suite))
+    assert missing and all(told.startswith("all: expected a scenario that exercises ") for told in missing)
+    short = replace(suite, about=suite.about.model_copy(update={"only": (suite.scenarios[0].id,)}))
+    assert find_suite_problems(short, examined(suite)) == ()
+
+
 @pytest.mark.slow
 def test_every_packaged_suite_keeps_what_it_must() -> None:
     for name in list_packaged_suites().keys() - {"mdrive"}:  # of which test_mdrive_suite is

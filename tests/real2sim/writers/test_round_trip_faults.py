@@ -52,7 +52,9 @@ def scene(seed: int) -> Recording:
     names = {track.id: str(100 + n) for n, track in enumerate(truth.views[0].tracks)}
     tracks = tuple(replace(track, id=names[track.id]) for track in truth.views[0].tracks)
     whole = replace(truth.views[0], tracks=tracks)
-    return replace(truth, views=(whole, *truth.views[1:]), cavs=tuple(names[cav] for cav in truth.cavs))
+    open_ground = replace(truth.map, buildings=())  # they hide things, and some of the parked cars stand inside them
+    cavs = tuple(names[cav] for cav in truth.cavs)
+    return replace(truth, views=(whole, *truth.views[1:]), cavs=cavs, map=open_ground)
 
 
 @dataclass(frozen=True)

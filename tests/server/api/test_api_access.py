@@ -41,6 +41,7 @@ ACCESS = {
     "GET /phases/{phase}": PUBLIC,
     "GET /phases/{phase}/matrix": ADMINS,
     "GET /phases/{phase}/cross-play": "404 404 404 404 404",  # the phase has no such board
+    "GET /phases/{phase}/ranking": PUBLIC,
     "GET /phases/{phase}/quota": "401 200 200 403 403",
     "POST /submissions": "401 415 415 403 403",  # the body is looked at after the token
     "GET /submissions": "401 200 200 200 200",
