@@ -231,7 +231,7 @@ def draw_nested_counts(labels: Sequence[Label], stream: int = 0) -> Counts:
     if any(a == b for a, b in pairwise(ordered)):
         raise ValueError("expected labels that are all different")
     counts = _draw_counts(_list_level_sizes(ordered), stream)
-    return counts[np.argsort(order)].T
+    return counts[np.argsort(order, kind="stable")].T
 
 
 def _list_level_sizes(ordered: Sequence[Label]) -> tuple[tuple[int, ...], ...]:

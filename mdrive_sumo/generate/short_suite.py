@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import compute_kendall
@@ -70,7 +71,7 @@ def _choose_columns(table: Float, number: int) -> list[int]:
             return chosen
         gap = table[:, chosen].sum(axis=1) - target
         change = table[:, None, left] - table[:, chosen, None]  # (agents, out, in)
-        cost = ((gap[:, None, None] + change) ** 2).sum(axis=0)
+        cost = portable.square(gap[:, None, None] + change).sum(axis=0)
         out, new = np.unravel_index(int(cost.argmin()), cost.shape)
         if cost[out, new] >= (gap * gap).sum() - 1e-9:
             return chosen

@@ -220,7 +220,7 @@ def _compare(responses: _Responses, logit: Float) -> tuple[Float, Float]:
 
 def _make_step(slope: Float, curvature: Float, value: Float, spread: float) -> Float:
     """Return a Newton step towards the maximum, with the slope and curvature of the prior, of limited length."""
-    step = (slope - value / spread**2) / (curvature + 1.0 / spread**2)
+    step = (slope - value / (spread * spread)) / (curvature + 1.0 / (spread * spread))
     return step.clip(-LONGEST_STEP, LONGEST_STEP)
 
 

@@ -39,6 +39,7 @@ SCALAR_COLUMNS = (
     ScalarColumn("min_ttc", "Least TTC s", 2, True),
     ScalarColumn("min_pet", "PET s", 1, True),
     ScalarColumn("message_rate", "Messages B/s", 0, False),
+    ScalarColumn("speeding", "Speeding %", 1, False),
 )
 """In the order of the columns."""
 

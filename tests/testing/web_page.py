@@ -174,7 +174,14 @@ def driven(server: Server, who: str, ds: float, sensing: str = "object", **field
     figures: Any = {"ds": ds, "sr": 100 - ds, "rc": ds, "ip": 0.5, "ds_low": ds - 5, "ds_high": ds + 5, "scenarios": 12}
     figures |= {"efficient_sr": (100 - ds) / 2, "time_ratio": 1 + ds / 50, "timed": 7}
     figures |= {
-        "scalars": {"mean_speed": ds / 10, "comfort": 99.0, "min_ttc": None, "min_pet": 1.2, "message_rate": ds}
+        "scalars": {
+            "mean_speed": ds / 10,
+            "comfort": 99.0,
+            "min_ttc": None,
+            "min_pet": 1.2,
+            "message_rate": ds,
+            "speeding": 2.0,
+        }
     }
     parts = {"overall": figures, "buckets": {"InterDrive": figures | {"ds": 99 - ds}}, "categories": {"merge": figures}}
     parts |= {"sensing_track": sensing, "results_sha256": "0" * 64}

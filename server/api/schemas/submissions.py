@@ -72,8 +72,9 @@ class FiguresOut(ResponseModel):
     scenarios: int | None = None
     infractions: dict[str, int] | None = None
     scalars: dict[str, float | None] | None = None
-    """Beside the score: `mean_speed` [m/s], `comfort` [%], `min_pet` [s], `message_rate` [bytes/s], means over the
-    scenarios in which each is defined, and `min_ttc` [s], the least of all scenarios. Null in older results."""
+    """Beside the score: `mean_speed` [m/s], `comfort` [%], `min_pet` [s], `message_rate` [bytes/s], `speeding` [%],
+    means over the scenarios in which each is defined, and `min_ttc` [s], the least of all scenarios. Null in older
+    results."""
 
 
 class SummaryOut(ResponseModel):

@@ -185,20 +185,21 @@ def test_order(three: Visit, sort: str, order: Sequence[str]) -> None:
 def test_columns_of_scalars_are_optional_and_those_of_the_metrics(server: Server) -> None:
     mine = driven(server, "red", 41.0)
     titles = [column.title for column in SCALAR_COLUMNS]
-    assert [column.name for column in SCALAR_COLUMNS] == ["mean_speed", "comfort", "min_ttc", "min_pet", "message_rate"]
+    names = ["mean_speed", "comfort", "min_ttc", "min_pet", "message_rate", "speeding"]
+    assert [column.name for column in SCALAR_COLUMNS] == names
     assert {column.name for column in SCALAR_COLUMNS} == {metric.name for metric in list_scalar_metrics()}
     plain, beside = (Visit(server).get(f"/?phase=dev{more}") for more in ("", "&columns=beside"))
     headers = [[each.text for each in page.all("th", scope="col")] for page in (plain, beside)]
     assert "IP" in headers[0] and not {*titles} & {*headers[0]}
     assert "IP" not in headers[1] and [text for text in headers[1] if text in titles] == titles
-    assert len(headers[1]) == len(headers[0])  # no wider: five replace four and the history
-    assert [each.text for each in beside.all("td", class_="number")][3:8] == ["4.10", "99.0", "–", "1.2", "41"]
+    assert len(headers[1]) == len(headers[0]) + 1  # six replace four and the history
+    assert [each.text for each in beside.all("td", class_="number")][3:9] == ["4.10", "99.0", "–", "1.2", "41", "2.0"]
     assert "columns=beside" in beside.all("a", id="sort-team")[0].attributes["href"]
     Visit(server).get("/?phase=dev&columns=none", status=404)
     row = server.get("/leaderboards/dev")["rows"][0]
     assert row["figures"]["scalars"]["mean_speed"] == pytest.approx(4.1)
     lines = Visit(server).client.get("/leaderboard.csv?phase=dev").text.splitlines()
-    assert "mean_speed,comfort,min_ttc,min_pet,message_rate" in lines[0] and ",4.1,99.0,,1.2,41.0," in lines[1]
+    assert ",".join(names) in lines[0] and ",4.1,99.0,,1.2,41.0,2.0," in lines[1]
     words = Visit(server).get(f"/submissions/{mine}").words
     assert "Speed, comfort, close encounters, messages" in words and "Least TTC s" in words
 
