@@ -191,5 +191,5 @@ def _describe_part(suite: Suite) -> Iterator[str]:
         return
     found = sum((suite.folder / scenario.id / RECIPE_FILE).is_file() for scenario in suite.scenarios)
     yield f"{found} of {len(suite.scenarios)} scenarios have a {RECIPE_FILE}" + (
-        "; `mdrive-sumo generate --rebuild` makes them again from it" if found else ": they cannot be made again"
+        "; `generate --rebuild` makes those of this version again" if found else ": they cannot be made again"
     )

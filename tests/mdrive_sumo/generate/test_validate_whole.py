@@ -255,7 +255,7 @@ def test_a_packaged_generated_suite_has_every_recipe(packaged: Suite) -> None:
     made = generated(packaged, first, second)
     assert find_suite_problems(made, ()) == ()
     assert describe_suite(made) == (
-        "small: 2 of 2 scenarios have a recipe.json; `mdrive-sumo generate --rebuild` makes them again from it",
+        "small: 2 of 2 scenarios have a recipe.json; `generate --rebuild` makes those of this version again",
     )
 
 
