@@ -55,7 +55,7 @@ class _Choice:
 
     @property
     def cost(self) -> float:
-        return float(((self.means - self.whole) ** 2).sum())
+        return float(portable.square(self.means - self.whole).sum())
 
 
 def split_count(buckets: Mapping[str, str], count: int) -> dict[str, int]:
