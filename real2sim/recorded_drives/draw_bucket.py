@@ -38,6 +38,7 @@ DRIVES_PER_SCENARIO = 11.0
 LONE_SHARE = 0.15
 """Share of drives with one CAV, the others have two (paper: 1.80 on average): more of these are dropped."""
 LIMIT_S = 600.0
+"""Wall clock for a drive or a conversion, which take seconds: it ends what hangs."""
 R = TypeVar("R")
 
 

@@ -42,6 +42,7 @@ UNIT_AHEAD_M, UNIT_KERB_M = (4.0, 14.0), 2.0
 TRIGGER_RADIUS_M = 3.0
 """[m] Of `build_arrival_trigger`: it fires so much earlier."""
 TRIES = 30
+"""Draws of a crossing before a route goes without; chosen."""
 SECOND_SHARE = 0.6
 """Share of CAVs whose route two road users cross."""
 APART_M = 10.0

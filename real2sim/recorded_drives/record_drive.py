@@ -55,7 +55,9 @@ TURNING_SHARE = 0.9
 START_M, LEAST_START_M = (6.0, 36.0), 5.0
 """[m] Distance of CAV starts from the junction; least distance of starts and goals from the ends of a route."""
 START_MPS = 5.0
+"""Of CAVs: below the blind driver's 8 m/s, so that all speed up."""
 MOST_TRIES = 300
+"""Draws of CAVs that are apart before a place is given up; chosen."""
 APART_M = 14.0
 """[m] From a CAV to any other one at the start."""
 

@@ -36,6 +36,7 @@ MOST_GIVEN, MOST_MEAN_GIVEN = 98.0, 96.0
 """Score that the best rules that see and talk may reach. Near 100: where agents without messages are lost, a scenario
 that messages nearly solve shows what they are worth; the choice sees to the mean."""
 ANY = 100.0
+"""No bound: the full score."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -238,11 +238,20 @@ def _list_gaps(names: Sequence[str]) -> Iterator[FamilyParameter]:
         yield FamilyParameter(name, -0.5, 0.5, "s", "how much later than the first CAV a hidden vehicle is due")
 
 
+_QUEUE_PLACES = (
+    *OLD_TOWNS,
+    PlaceChoice("crossing", {"arms": 4, "control": "priority", "area": "town", "speed_kmh": 50}),
+)
+_QUEUE = (
+    FamilyParameter("gap_m", 1.0, 3.0, "m", "distance of the queue from the side of a CAV in its gap"),
+    FamilyParameter("queue", 2.0, 6.0, "", "number of vehicles of the queue on each side of the gap, rounded"),
+)
+
 FAMILIES = (
     ScenarioFamily(
         "blocked-junction",
         "CAVs cross the gap of a standing queue, which hides what comes on the other lane.",
-        (*OLD_TOWNS, PlaceChoice("crossing", {"arms": 4, "control": "priority", "area": "town", "speed_kmh": 50})),
+        _QUEUE_PLACES,
         (
             SITE,
             _OWN,
@@ -252,8 +261,7 @@ FAMILIES = (
             *HIDDEN,
             VAN,
             MAST,
-            FamilyParameter("gap_m", 1.0, 3.0, "m", "distance of the queue from the side of a CAV in its gap"),
-            FamilyParameter("queue", 2.0, 6.0, "", "number of vehicles of the queue on each side of the gap, rounded"),
+            *_QUEUE,
             name_flow(0.0, 300.0, "the lane that moves"),
         ),
         stage_blocked_junction,
@@ -261,7 +269,7 @@ FAMILIES = (
     ScenarioFamily(
         "gap-platoons",
         "CAVs cross the gap of a standing queue, which hides the CAVs that come on the other lane.",
-        (*OLD_TOWNS, PlaceChoice("crossing", {"arms": 4, "control": "priority", "area": "town", "speed_kmh": 50})),
+        _QUEUE_PLACES,
         (
             SITE,
             _OWN,
@@ -269,8 +277,7 @@ FAMILIES = (
             HEADWAY,
             name_number("oncoming", 2.0, 5.0, "on the lane that moves"),
             HIDDEN[0],
-            FamilyParameter("gap_m", 1.0, 3.0, "m", "distance of the queue from the side of a CAV in its gap"),
-            FamilyParameter("queue", 2.0, 6.0, "", "number of vehicles of the queue on each side of the gap, rounded"),
+            *_QUEUE,
             name_flow(0.0, 300.0, "the lane that moves"),
         ),
         stage_gap_platoons,

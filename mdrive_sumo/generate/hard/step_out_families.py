@@ -38,6 +38,7 @@ from mdrive_sumo.worlds.placement.parked_vehicles import WALK_GAP_M, FreePlace, 
 STEP_M = 4.0
 """[m] Distance of the exits among which a family chooses."""
 HALF_M = BODIES["adult"].width / 2
+"""[m] Half of a person, from its way to what hides it."""
 FRONT_M = 0.6
 """[m] From a standing vehicle to the middle of someone who passes its front."""
 KERB_M = 0.2

@@ -9,7 +9,6 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import Lane, RoadMap, build_lane_route
 from mdrive_sumo.roads.routing import LANE_CHANGE_M
@@ -98,14 +97,6 @@ def find_conflict_stations(one: RouteLine, other: RouteLine) -> tuple[float, flo
         return None
     i = int(np.argmax(near))
     return float(i), other.locate(*one.xy[i].tolist())
-
-
-def find_conflict(roads: RoadMap, lanes: Lanes, others: Lanes) -> tuple[float, float]:
-    """Return the stations [m] on two chains of lanes at which they first come together. Raises InputError if never."""
-    met = find_conflict_stations(build_route_line(roads, lanes), build_route_line(roads, others))
-    if met is None:
-        raise InputError(f"network {roads.name}: expected chains of lanes that meet, found {lanes} and {others}")
-    return met
 
 
 def compute_chain_length(roads: RoadMap, lanes: Lanes) -> float:

@@ -13,6 +13,7 @@ from mdrive_sumo.worlds.streams.edge_streams import TrafficStream, build_traffic
 MINOR_SHARE = 0.3
 """Weight of a street of at most 30 km/h beside one of 50 km/h."""
 MINOR_MPS = 9.0
+"""Between 30 and 50 km/h."""
 
 
 def build_street_traffic(

@@ -149,19 +149,6 @@ def find_right_lanes(roads: RoadMap, lanes: Lanes) -> tuple[Kerb, ...]:
     )
 
 
-def find_stops_beside(roads: RoadMap, lanes: Lanes) -> tuple[Kerb, ...]:
-    """Return the bus stops on the lanes to the right of a chain, in driving order."""
-    begins = dict(zip(lanes, compute_lane_begins(roads, lanes), strict=True))
-    found: list[Kerb] = []
-    for stop in roads.bus_stops:
-        left = roads.lanes[stop.lane].left
-        if left in begins:
-            places = [roads.lanes[left].centre.project(*point) for point in (stop.line[0], stop.line[-1])]
-            ends = sorted(begins[left] + place[0] for place in places)
-            found.append(Kerb(ends[0], ends[1], places[0][1]))
-    return tuple(sorted(found, key=lambda kerb: kerb.begin))
-
-
 def compute_rise_s(distance: float, speed: float, acceleration: float) -> float:
     """Return the time [s] in which someone who stands covers a distance [m] and accelerates [m/s2] up to a speed."""
     rising_m = speed * speed / (2 * acceleration)

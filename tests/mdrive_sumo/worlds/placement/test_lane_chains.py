@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import StandingMotion
@@ -18,10 +17,11 @@ from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_actor,
 from mdrive_sumo.worlds.placement.cavs import NoRoomError, Platoon, build_cav, build_platoons
 from mdrive_sumo.worlds.placement.lane_chains import (
     Lanes,
+    build_route_line,
     compute_chain_length,
     compute_lane_begins,
     compute_pose,
-    find_conflict,
+    find_conflict_stations,
     find_lane_start,
     find_station,
     find_station_beside,
@@ -79,14 +79,15 @@ def test_cavs_of_a_platoon_keep_their_headway_and_are_numbered_on() -> None:
     assert platoons[1].pitch_m == 4.9 + 3.0  # slow CAVs keep the least gap
 
 
-def test_lanes_that_never_meet_are_refused_and_those_that_do_meet_where_they_cross() -> None:
+def test_lanes_meet_where_they_cross_or_never() -> None:
     oncoming = find_lane_path(ROADS, "west_1_2", "west_0_2")
-    own, other = find_conflict(ROADS, CHAIN, oncoming)
-    here, there = compute_pose(ROADS, CHAIN, own), compute_pose(ROADS, oncoming, other)
+    met = find_conflict_stations(build_route_line(ROADS, CHAIN), build_route_line(ROADS, oncoming))
+    assert met is not None
+    here, there = compute_pose(ROADS, CHAIN, met[0]), compute_pose(ROADS, oncoming, met[1])
     assert math.hypot(here.x - there.x, here.y - there.y) < 1.7
-    assert find_lane_start(ROADS, CHAIN, CHAIN[1]) <= own <= find_lane_start(ROADS, CHAIN, CHAIN[-1]) + 5.0
-    with pytest.raises(InputError, match="network hard_arterial: expected chains of lanes that meet"):
-        find_conflict(ROADS, find_lane_path(ROADS, "east_0_1", "east_1_1"), oncoming)
+    assert find_lane_start(ROADS, CHAIN, CHAIN[1]) <= met[0] <= find_lane_start(ROADS, CHAIN, CHAIN[-1]) + 5.0
+    apart = find_lane_path(ROADS, "east_0_1", "east_1_1")
+    assert find_conflict_stations(build_route_line(ROADS, apart), build_route_line(ROADS, oncoming)) is None
 
 
 # --- bodies -------------------------------------------------------------------------------------------------------
