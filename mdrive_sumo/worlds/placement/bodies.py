@@ -54,6 +54,8 @@ BODIES: Mapping[str, Body] = {
     "adult": Body("adult", "pedestrian", 0.5, 0.5),
     "bicycle": Body("bicycle", "cyclist", 1.8, 0.6),
     "e-scooter": Body("e-scooter", "cyclist", 1.2, 0.6),
+    "motorcycle": Body("motorcycle", "vehicle", 2.2, 0.8),
+    "moped": Body("moped", "vehicle", 1.8, 0.7),
     **{name: Body(name, prop.kind, prop.length, prop.width) for name, prop in PROPS.items()},
 }
 """By model; two-wheelers with their riders."""
