@@ -8,6 +8,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.state import End
 from mdrive_sumo.core.tables import Table, make_text_table
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
+from mdrive_sumo.scoring.metrics.endings import LATE_KINDS
 from mdrive_sumo.study.need.conflict_zone import MAX_LENGTH_M
 from mdrive_sumo.study.need_certificate import NeedCertificate, NeedConflict, Proof
 
@@ -21,7 +22,7 @@ class DriveEnd(StrEnum):
     CERTIFIED = "certified conflict"
     """Its first costly infraction is a collision with the road user of a certified conflict, there."""
     LATE = "late"
-    """No costly infraction, but it does not arrive."""
+    """No costly infraction but that it does not arrive."""
     ELSEWHERE = "elsewhere"
     """Its first costly infraction is another one."""
     MET = "safe and in time"
@@ -33,7 +34,8 @@ def judge_drive(result: EgoResult, certificate: NeedCertificate) -> DriveEnd | N
     conflicts = [conflict for conflict in certificate.conflicts if conflict.ego == result.id]
     if not conflicts:
         return None
-    first = min((one for one in result.infractions if one.factor < 1.0), key=lambda one: one.tick, default=None)
+    costly = (one for one in result.infractions if one.factor < 1.0 and one.kind not in LATE_KINDS)
+    first = min(costly, key=lambda one: one.tick, default=None)
     if first is None:
         return DriveEnd.MET if result.outcome is End.ARRIVED else DriveEnd.LATE
     return DriveEnd.CERTIFIED if any(_is_at(first, conflict) for conflict in conflicts) else DriveEnd.ELSEWHERE

@@ -11,6 +11,7 @@ from mdrive_sumo.scoring.criteria import (
 from mdrive_sumo.scoring.metrics.collisions import INFRACTION_BY_KIND
 from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch, InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
+from mdrive_sumo.scoring.score_mode import ScoreMode
 
 MARK_BY_END = {
     End.DEVIATED: "route-deviation",
@@ -18,7 +19,12 @@ MARK_BY_END = {
     End.TIMED_OUT: "timed-out",
     End.AGENT_FAILED: "agent-failed",
 }
-
+LATE_KINDS = frozenset(MARK_BY_END[end] for end in (End.DEVIATED, End.BLOCKED, End.TIMED_OUT))
+"""Marks of CAVs that do not arrive within their time limit although their agent works."""
+LATE_FACTOR = 0.70
+"""Penalty factor of such a mark in mode `hard`: that of the CARLA leaderboard 2.0 for a scenario that is not done in
+time (`SCENARIO_TIMEOUT`). Blocked CAVs and those that leave their route have it too, so that neither ending is a way
+round it."""
 
 AGENT_FAILED_FACTOR = INFRACTION_BY_KIND[Kind.VEHICLE][1]
 """Penalty factor of an agent's failure, that of a collision with a vehicle: an agent that sees a collision coming must
@@ -27,13 +33,22 @@ not gain by ending its process. A deviation: the original ends the route with wh
 
 def find_ending_mark(track: EgoTrack) -> tuple[InfractionEvent, ...]:
     """Return the mark of a CAV that did not arrive. Only an agent's failure has a penalty; its mark is at its tick."""
+    return _mark_ending(track, 1.0)
+
+
+def find_late_mark(track: EgoTrack) -> tuple[InfractionEvent, ...]:
+    """Return the mark of a CAV that did not arrive, with the penalty of mode `hard` (decision 097)."""
+    return _mark_ending(track, LATE_FACTOR)
+
+
+def _mark_ending(track: EgoTrack, late_factor: float) -> tuple[InfractionEvent, ...]:
     ending = track.ending
     kind = MARK_BY_END.get(ending.end)
     if kind is None:
         return ()
     if ending.failed_tick is not None:
         return (track.make_infraction(kind, ending.failed_tick, factor=AGENT_FAILED_FACTOR),)
-    return (track.make_infraction(kind, ending.tick),)
+    return (track.make_infraction(kind, ending.tick, factor=late_factor),)
 
 
 def compute_route_completion(track: EgoTrack) -> float:
@@ -63,4 +78,5 @@ def compute_route_completion(track: EgoTrack) -> float:
     return compute_completion_percent(progress, reference)
 
 
-ENDINGS = InfractionMetric("endings", find_ending_mark)
+ENDINGS = InfractionMetric("endings", find_ending_mark, frozenset(ScoreMode) - {ScoreMode.HARD})
+LATE_ENDINGS = InfractionMetric("late_endings", find_late_mark, frozenset({ScoreMode.HARD}))

@@ -6,7 +6,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug_ins
 from mdrive_sumo.scoring.metrics.collisions import COLLISIONS
 from mdrive_sumo.scoring.metrics.comfort import COMFORT
-from mdrive_sumo.scoring.metrics.endings import ENDINGS
+from mdrive_sumo.scoring.metrics.endings import ENDINGS, LATE_ENDINGS
 from mdrive_sumo.scoring.metrics.lane_infractions import LANE_INFRACTIONS
 from mdrive_sumo.scoring.metrics.mean_speed import MEAN_SPEED
 from mdrive_sumo.scoring.metrics.message_rate import MESSAGE_RATE
@@ -24,6 +24,7 @@ METRICS: tuple[InfractionMetric | ScalarMetric, ...] = (
     LANE_INFRACTIONS,
     SPEED_LIMITS,
     ENDINGS,
+    LATE_ENDINGS,
     MIN_TTC,
     MIN_PET,
     MEAN_SPEED,

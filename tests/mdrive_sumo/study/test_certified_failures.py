@@ -25,6 +25,11 @@ def hit(other: str, tick: int, x: float = 60.0, factor: float = 0.6) -> Infracti
     return Infraction(kind="collision-vehicle", tick=tick, x=x, y=0.0, factor=factor, other=other)
 
 
+def late(tick: int) -> Infraction:
+    """The mark that costs in mode `hard`."""
+    return Infraction(kind="timed-out", tick=tick, x=60.0, y=0.0, factor=0.7, other="")
+
+
 def end_drive(*infractions: Infraction, outcome: End = End.ARRIVED, name: str = "a") -> EgoResult:
     return EgoResult(id=name, outcome=outcome, reason="", ds=60.0, rc=100.0, ip=0.6, infractions=infractions)
 
@@ -34,6 +39,8 @@ def end_drive(*infractions: Infraction, outcome: End = End.ARRIVED, name: str = 
     [
         (end_drive(), DriveEnd.MET),
         (end_drive(outcome=End.TIMED_OUT), DriveEnd.LATE),
+        (end_drive(late(100), outcome=End.TIMED_OUT), DriveEnd.LATE),
+        (end_drive(hit("c", 50), late(100), outcome=End.TIMED_OUT), DriveEnd.ELSEWHERE),
         (end_drive(hit("b", 90)), DriveEnd.CERTIFIED),
         (end_drive(hit("b", 90), hit("c", 95)), DriveEnd.CERTIFIED),
         (end_drive(hit("b", 90), hit("c", 50)), DriveEnd.ELSEWHERE),

@@ -1,9 +1,12 @@
 """Endings and route completion (protocol 5.2 and 6)."""
 
+from collections.abc import Sequence
+
 import pytest
 from testing.score_golden import (
     Row,
     arriving,
+    ego,
     episode,
     scenario,
     straight,
@@ -13,7 +16,10 @@ from testing.scored_records import record
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
+from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.scoring.metrics import EpisodeMismatch, ScoredEpisode, build_ego_records
+from mdrive_sumo.scoring.metrics.endings import LATE_FACTOR, LATE_KINDS
+from mdrive_sumo.scoring.results_check import find_scenario_faults
 
 
 def test_a_clean_drive_has_no_infractions() -> None:
@@ -49,6 +55,47 @@ def test_an_agents_failure_is_taken_from_the_recording() -> None:
     found = record(straight(5))
     assert [(i.kind, i.tick, i.factor) for i in found.infractions] == [("agent-failed", 4, 0.6)]
     assert found.ending.text == "ValueError: no"
+
+
+LATE: list[tuple[list[Row], End, str]] = [
+    (straight(1761, speed=1.0), End.TIMED_OUT, "timed-out"),
+    (straight(602, speed=0.0), End.BLOCKED, "blocked"),
+    ([(0.0, 0.0, 0.0, 9.0), (0.0, -30.0, 0.0, 9.0)], End.DEVIATED, "route-deviation"),
+]
+
+
+@pytest.mark.parametrize(("rows", "end", "kind"), LATE)
+@pytest.mark.parametrize("mode", ScoreMode)
+def test_in_mode_hard_alone_a_cav_that_does_not_arrive_pays(
+    rows: list[Row], end: End, kind: str, mode: ScoreMode
+) -> None:
+    result = score(rows, end, mode)
+    (cav,) = result.egos
+    factor = LATE_FACTOR if mode is ScoreMode.HARD else 1.0
+    assert [(one.kind, one.factor) for one in cav.infractions] == [(kind, factor)]
+    assert (kind in LATE_KINDS, cav.ip) == (True, factor)
+    assert list(find_scenario_faults(result, mode, (0,))) == []
+
+
+def test_who_arrives_with_the_end_of_the_time_limit_is_late_in_mode_hard() -> None:
+    """The limit of 10.05 s is tick 201, in which the route is completed: 0.7 x 100 %, x 100 / 201 for the time."""
+    late = score(arriving()[:-1], End.TIMED_OUT, ScoreMode.HARD, time_limit_s=10.05)
+    assert (late.rc, late.ip, late.sr) == (100.0, LATE_FACTOR, 0.0)
+    assert late.ds == pytest.approx(70 * 100 / 201, abs=1e-4)
+    in_time = score(arriving(), End.ARRIVED, ScoreMode.HARD, time_limit_s=10.15)
+    assert (in_time.ip, in_time.sr) == (1.0, 100.0)
+
+
+@pytest.mark.parametrize("mode", ScoreMode)
+def test_an_agents_failure_costs_the_same_in_every_mode_and_more_than_lateness(mode: ScoreMode) -> None:
+    (cav,) = score(straight(5), End.AGENT_FAILED, mode).egos
+    assert [(one.kind, one.factor) for one in cav.infractions] == [("agent-failed", 0.6)]
+    assert cav.ip < LATE_FACTOR
+
+
+def score(rows: Sequence[Row], end: End, mode: ScoreMode, time_limit_s: float | None = None) -> ScenarioResult:
+    about = scenario(ego("0").model_copy(update={"time_limit_s": time_limit_s}))
+    return score_episode(episode(about, {"0": rows}, {"0": end}), about, street(), mode, 0, {"0": 100})
 
 
 @pytest.mark.parametrize(
