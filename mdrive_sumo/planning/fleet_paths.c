@@ -76,7 +76,7 @@ static Py_ssize_t find_row(const Overlaps *overlaps, Py_ssize_t cell, Py_ssize_t
     return row < 0 ? 0 : row < rows ? row : rows - 1;
 }
 
-static PyObject *look_up(const Overlaps *overlaps, const Array *cells, const Array *stations, double other_points,
+static PyObject *look_up(const Overlaps *overlaps, const Array *cells, const Array *stations, Py_ssize_t other_points,
                          double end_s) {
     void *data = NULL;
     Py_ssize_t *places = malloc((size_t)(cells->count + 1) * sizeof *places); /* of the own cells in the table */
@@ -85,9 +85,9 @@ static PyObject *look_up(const Overlaps *overlaps, const Array *cells, const Arr
         places[k] = find_row(overlaps, (Py_ssize_t)integers(cells)[k], overlaps->own_rows) * overlaps->own_step;
     bool *mask = data;
     for (Py_ssize_t i = 0; result && i < stations->count; i++, mask += cells->count) {
-        double s = doubles(stations)[i], cell = round_even(s / SPACING_M), last = other_points - 1.0;
-        cell = cell > 0.0 ? cell < last ? cell : last : 0.0;
-        const bool *column = overlaps->table + find_row(overlaps, (Py_ssize_t)cell, overlaps->other_rows) * overlaps->other_step;
+        double s = doubles(stations)[i], cell = round_even(s / SPACING_M);
+        Py_ssize_t last = other_points - 1, place = cell > 0.0 ? cell < (double)last ? (Py_ssize_t)cell : last : 0;
+        const bool *column = overlaps->table + find_row(overlaps, place, overlaps->other_rows) * overlaps->other_step;
         for (Py_ssize_t k = 0; k < cells->count; k++) mask[k] = s < end_s && column[places[k]];
     }
     free(places);
@@ -95,12 +95,13 @@ static PyObject *look_up(const Overlaps *overlaps, const Array *cells, const Arr
 }
 
 static PyObject *planning_fleet_paths_look_up_overlaps(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
-    double other_points, end_s;
+    Py_ssize_t other_points;
+    double end_s;
     Overlaps overlaps;
     Array table, cells, stations;
     if (!expect_arguments("look_up_overlaps", count, 7, 7)) return NULL;
     int is_transposed = PyObject_IsTrue(arguments[1]);
-    if (is_transposed < 0 || !read_integer(arguments[4], &overlaps.stride) || !read_number(arguments[5], &other_points) ||
+    if (is_transposed < 0 || !read_integer(arguments[4], &overlaps.stride) || !read_integer(arguments[5], &other_points) ||
         !read_number(arguments[6], &end_s) || !open_array(arguments[0], '?', &table))
         return NULL;
     if (!open_array(arguments[2], 'l', &cells)) {
@@ -112,13 +113,13 @@ static PyObject *planning_fleet_paths_look_up_overlaps(PyObject *module, PyObjec
         return NULL;
     }
     PyObject *result = NULL;
-    if (table.dimensions == 2 && table.count && overlaps.stride > 0) {
+    if (table.dimensions == 2 && table.count && overlaps.stride > 0 && other_points > 0) {
         overlaps.table = table.data;
         overlaps.own_rows = table.shape[is_transposed], overlaps.other_rows = table.shape[!is_transposed];
         overlaps.own_step = is_transposed ? 1 : table.shape[1], overlaps.other_step = is_transposed ? table.shape[1] : 1;
         result = look_up(&overlaps, &cells, &stations, other_points, end_s);
     } else {
-        PyErr_SetString(PyExc_ValueError, "expected a table of overlaps (A, B) and a stride of 1 or more");
+        PyErr_SetString(PyExc_ValueError, "expected a table of overlaps (A, B), a stride and a path of 1 or more points");
     }
     close_arrays(3, (Array *[]){&table, &cells, &stations});
     return result;

@@ -25,6 +25,13 @@ bool read_number_field(PyObject *object, Fields *fields, int field, double *numb
     return is_number;
 }
 
+bool read_integer_field(PyObject *object, Fields *fields, int field, Py_ssize_t *number) {
+    PyObject *value = get_field(object, fields, field);
+    bool is_number = value && read_integer(value, number);
+    if (value) Py_DecRef(value);
+    return is_number;
+}
+
 bool open_boxes(PyObject *object, Array *array) {
     if (!open_doubles(object, 3, array)) return false;
     if (array->shape[1] == 4 && array->shape[2] == 2) return true;

@@ -12,6 +12,7 @@ static inline const Box *boxes_of(const Array *array) { return array->data; }
 /* A field of an object as an array with so many dimensions. */
 bool open_field(PyObject *object, Fields *fields, int field, char kind, int dimensions, Array *array);
 bool read_number_field(PyObject *object, Fields *fields, int field, double *number);
+bool read_integer_field(PyObject *object, Fields *fields, int field, Py_ssize_t *number);
 /* Corners (K, 4, 2). */
 bool open_boxes(PyObject *object, Array *array);
 

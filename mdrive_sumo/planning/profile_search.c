@@ -10,7 +10,8 @@ FIELDS(PROBLEM, "cells", "limits", "goals", "blocked", "must_move", "ends_standi
        "blocked_after", "start_s", "speed", "lattice_s");
 enum { CELLS, LIMITS, GOALS, BLOCKED, MUST_MOVE, ENDS_STANDING, WAIT_PENALTY, LATTICE, BLOCKED_AFTER, START_S, SPEED,
        LATTICE_S };
-FIELDS(LATTICE_NUMBERS, "step_s", "speed_step", "top", "has_exact_start", "cell_m", "samples");
+FIELDS(LATTICE_NUMBERS, "step_s", "speed_step", "cell_m", "has_exact_start");
+FIELDS(LATTICE_COUNTS, "top", "samples");
 FIELDS(TRANSITIONS, "before", "advance", "back", "is_illegal", "effort", "reach");
 FIELDS(GOAL, "start", "stop");
 FIELDS(PROFILE, "s", "speed", "reaches_goal", "step_s");
@@ -94,15 +95,16 @@ static bool read_goals(Search *search, PyObject *problem) {
 
 static bool read_lattice(Search *search, PyObject *problem) {
     PyObject *lattice = get_field(problem, &PROBLEM, LATTICE), *fine = find_import(&FINE_LATTICE);
-    double numbers[6], fine_cell_m, wait_penalty;
+    double numbers[4], fine_cell_m, wait_penalty;
     bool is_read = lattice && fine && read_fields(lattice, &LATTICE_NUMBERS, numbers) &&
-                   read_number_field(fine, &LATTICE_NUMBERS, 4, &fine_cell_m) &&
+                   read_integer_field(lattice, &LATTICE_COUNTS, 0, &search->speeds) &&
+                   read_integer_field(lattice, &LATTICE_COUNTS, 1, &search->samples) &&
+                   read_number_field(fine, &LATTICE_NUMBERS, 2, &fine_cell_m) &&
                    read_number_field(problem, &PROBLEM, WAIT_PENALTY, &wait_penalty);
     if (lattice) Py_DecRef(lattice);
     if (!is_read) return false;
-    search->step_s = numbers[0], search->speed_step = numbers[1];
-    search->speeds = (Py_ssize_t)numbers[2] + 1, search->has_exact_start = numbers[3] != 0.0;
-    search->cell_m = numbers[4], search->samples = (Py_ssize_t)numbers[5];
+    search->step_s = numbers[0], search->speed_step = numbers[1], search->speeds++;
+    search->cell_m = numbers[2], search->has_exact_start = numbers[3] != 0.0;
     search->wait = wait_penalty * (search->cell_m / fine_cell_m);
     return true;
 }
@@ -132,7 +134,7 @@ static bool check_problem(const Search *search) {
 }
 
 static bool read_search(Search *search, PyObject *problem, PyObject *transitions) {
-    double flag, reach;
+    double flag;
     if (!open_next(search, problem, &PROBLEM, LIMITS, 'l', 1) || !open_next(search, problem, &PROBLEM, BLOCKED, '?', 2) ||
         !open_next(search, problem, &PROBLEM, MUST_MOVE, '?', 1) ||
         !open_next(search, problem, &PROBLEM, BLOCKED_AFTER, '?', 1) ||
@@ -141,7 +143,7 @@ static bool read_search(Search *search, PyObject *problem, PyObject *transitions
         !open_next(search, transitions, &TRANSITIONS, 2, 'l', 3) ||
         !open_next(search, transitions, &TRANSITIONS, 3, '?', 2) ||
         !open_next(search, transitions, &TRANSITIONS, 4, 'd', 3) ||
-        !read_number_field(transitions, &TRANSITIONS, 5, &reach) || !read_lattice(search, problem) ||
+        !read_integer_field(transitions, &TRANSITIONS, 5, &search->reach) || !read_lattice(search, problem) ||
         !read_number_field(problem, &PROBLEM, ENDS_STANDING, &flag) ||
         !read_number_field(problem, &PROBLEM, START_S, &search->start_s) ||
         !read_number_field(problem, &PROBLEM, SPEED, &search->speed) ||
@@ -150,7 +152,7 @@ static bool read_search(Search *search, PyObject *problem, PyObject *transitions
     search->cells = search->arrays[OPEN_LIMITS].count, search->layers = search->arrays[OPEN_MUST_MOVE].count;
     search->blocked_rows = search->arrays[OPEN_BLOCKED].shape[0];
     search->moves = search->arrays[OPEN_BEFORE].shape[0], search->back_moves = search->arrays[OPEN_BACK].shape[0];
-    search->reach = (Py_ssize_t)reach, search->ends_standing = flag != 0.0;
+    search->ends_standing = flag != 0.0;
     search->goal_speeds = search->ends_standing ? 1 : search->speeds;
     double index = round_even(search->speed / search->speed_step);
     search->first_limit = isfinite(index) && fabs(index) < 1e9 ? (Py_ssize_t)index - 1 : -2;
