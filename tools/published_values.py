@@ -6,7 +6,7 @@ the columns; the settings of the runs are JSON in the metadata of the file.
 
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,27 +19,33 @@ from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_parents, write_bytes
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarize_run
 
-FORMAT = "mdrive-sumo/published-values/1"
+FORMAT = "mdrive-sumo/published-values/2"
 SCORES = ("ds", "sr", "rc", "ip", "efficient_sr", "time_ratio", "min_ttc")
 TEXTS = ("id", "bucket", "category", "place", "status", "reason")
 SCHEMA = pa.schema(
-    [("run", pa.int16()), ("agent", pa.string()), ("seed", pa.int32())]
+    [("run", pa.int16()), ("part", pa.string()), ("agent", pa.string()), ("seed", pa.int32())]
     + [(name, pa.string()) for name in TEXTS]
     + [(name, pa.float64()) for name in SCORES]
 )
-"""run: index of the run in the metadata `runs`, whose agent is repeated. All other columns are those of results."""
+"""run: index of the run in the metadata `runs`. part: of the study (`Values`). agent: whose scores these are. All other
+columns are those of results."""
+Values = Mapping[str, Sequence[Results]]
+"""Runs by part of a study; those that are no part of one are `WHOLE`."""
+WHOLE = ""
 LEFT_OUT: dict[str, Any] = {"digest": "", "ticks": 0, "egos": ()}
 """Fields of results that no table needs."""
 
 
-def write_values(path: Path, runs: Sequence[Results]) -> None:
+def write_values(path: Path, values: Values) -> None:
     """Write the values of runs. Raises InputError if that is not possible."""
+    runs = [(part, results) for part, found in values.items() for results in found]
     rows = [
-        {"run": i, "agent": results.run.agent, **{name: getattr(one, name) for name in ("seed", *TEXTS, *SCORES)}}
-        for i, results in enumerate(runs)
+        {"run": i, "part": part, "agent": find_compared_agent(results.run)}
+        | {name: getattr(one, name) for name in ("seed", *TEXTS, *SCORES)}
+        for i, (part, results) in enumerate(runs)
         for one in results.scenarios
     ]
-    about = {"format": FORMAT, "runs": json.dumps([results.run.model_dump(mode="json") for results in runs])}
+    about = {"format": FORMAT, "runs": json.dumps([results.run.model_dump(mode="json") for _, results in runs])}
     table = pa.Table.from_pylist(rows, SCHEMA.with_metadata(about))
     data = io.BytesIO()
     pq.write_table(table, data, compression="zstd")
@@ -47,7 +53,12 @@ def write_values(path: Path, runs: Sequence[Results]) -> None:
     write_bytes(path, data.getvalue())
 
 
-def read_values(path: Path) -> tuple[Results, ...]:
+def find_compared_agent(run: RunInfo) -> str:
+    """Return the agent that a table compares: the second one, where the first is a stranger among its CAVs."""
+    return run.others or run.agent
+
+
+def read_values(path: Path) -> Values:
     """Return the runs of a file, without CAVs. Raises InputError for a damaged file and for one of another version."""
     try:
         table = pq.read_table(io.BytesIO(read_bytes(path)))
@@ -63,15 +74,20 @@ def read_values(path: Path) -> tuple[Results, ...]:
         raise InputError(
             f"{path}: expected the columns {', '.join(SCHEMA.names)}, found {', '.join(table.schema.names)}"
         )
-    rows = table.to_pylist()
+    scenarios: dict[tuple[str, int], list[ScenarioResult]] = {}
     try:
         infos = [RunInfo.model_validate(run) for run in json.loads(about.get("runs", "[]"))]
-        scenarios = [(row["run"], _make_result(row)) for row in rows]
+        for row in table.to_pylist():
+            scenarios.setdefault((row["part"], row["run"]), []).append(_make_result(row))
     except (ValueError, ValidationError) as error:
         raise InputError(f"{path}: expected runs and scores of this version: {error}") from None
-    return tuple(
-        summarize_run(info, [one for run, one in scenarios if run == number]) for number, info in enumerate(infos)
-    )
+    values: dict[str, list[Results]] = {}
+    for (part, number), members in scenarios.items():
+        if not 0 <= number < len(infos):
+            raise InputError(f"{path}: run: expected one of {len(infos)} runs, found number {number}")
+        found = summarize_run(infos[number], members)  # without messages, of which the labels follow
+        values.setdefault(part, []).append(found.model_copy(update={"run": infos[number]}))
+    return values
 
 
 def _make_result(row: dict[str, Any]) -> ScenarioResult:

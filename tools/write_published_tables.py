@@ -4,11 +4,11 @@
 
 A page marks a table with the lines `<!-- values:NAME:TABLE:begin -->` and `<!-- values:NAME:TABLE:end -->`, where TABLE
 is one of those below. RUN is a folder of `mdrive-sumo eval` or of a study, or a results file: all results below it
-become the file of that name. A test compares the pages with the files.
+become the file of that name; of `study twins`, the scores that are compared. A test compares the pages with the files.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -19,24 +19,32 @@ from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.statistics import Verdict, describe_comparisons
 from mdrive_sumo.core.tables import format_markdown
 from mdrive_sumo.core.terminal import echo
-from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
-from mdrive_sumo.report.comparison_report.difference_tables import build_difference_table, compute_differences
-from mdrive_sumo.report.comparison_report.score_tables import build_bucket_table
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
-from mdrive_sumo.scoring import Results, load_results
+from mdrive_sumo.scoring import Results, load_results, summarize_run
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
-from mdrive_sumo.study.gain import METRICS, GainRow, GainSummary, summarise_gain
+from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary, summarise_gain
 from mdrive_sumo.study.gain_files import build_gain_table, build_score_table, judge_gains
 from mdrive_sumo.study.seasons import SeasonRow, summarise_seasons
 from mdrive_sumo.study.seasons_files import build_seasons_table
-from tools.published_values import read_values, write_values
+from mdrive_sumo.study.twin_scenarios import TwinFactor
+from mdrive_sumo.study.twins import ORIGINAL, TwinLine, TwinRow, TwinSummary, compare_pairs, pair_twins
+from mdrive_sumo.study.twins_files import build_twins_table
+from tools.aim_tables import (
+    MeasuredDrivers,
+    SuiteFigure,
+    format_drivers,
+    format_figures,
+    list_hard_figures,
+    list_log_figures,
+)
+from tools.published_values import WHOLE, Values, find_compared_agent, read_values, write_values
 from tools.tool_command import HELP, ToolCommand, dry_run_option
 
 ROOT = Path(__file__).parents[1]
 DOCS, VALUES = Path("docs"), Path("docs/results/values")
 MARK = re.compile(r"(<!-- values:([\w-]+):([\w-]+):begin -->\n).*?(<!-- values:\2:\3:end -->)", re.DOTALL)
-NOT_KEPT = "The values of these runs were not kept"
-"""What a marked table says that is older than its file."""
+WITHOUT_FILE = "The values of these runs were not kept", "No runs are published yet"
+"""What a marked table says that has no file."""
 Runs = Sequence[Results]
 
 
@@ -49,7 +57,13 @@ def _group_runs(runs: Runs, name: Callable[[Results], str]) -> Mapping[tuple[str
 
 
 def _summarise_gain(runs: Runs) -> GainSummary:
+    _describe_runs(runs)
     groups = _group_runs(runs, lambda results: str(results.run.conditions["sensing"]))
+    seeds = {key: sorted(seed for results in found for seed in results.run.all_seeds) for key, found in groups.items()}
+    wanted = next(iter(seeds.values()))
+    for sensing, agent in sorted({cell for part in PARTS for cell in part.terms}):
+        if (found := seeds.get((agent, sensing), [])) != wanted:
+            raise InputError(f"table gain: expected {agent}, sensing {sensing}, with seeds {wanted}, found {found}")
     return summarise_gain([GainRow(SensingProfile(key[1]), key[0], found) for key, found in groups.items()])
 
 
@@ -70,18 +84,29 @@ def _format_gain(runs: Runs) -> str:
         if verdict in (Verdict.GAIN, Verdict.LOSS)
     ]
     counted = describe_comparisons([line.gain[metric] for line in summary.gains for metric in METRICS])
-    facts = f"Measured on {runs[0].run.describe_suite()}, seeds {', '.join(map(str, _list_seeds(runs)))}."
     claims = f"Shown after correction, for DS and SR apart, and nothing beyond: {', '.join(shown) or 'nothing'}."
-    return "\n\n".join(filter(None, (facts, format_markdown(build_gain_table(summary)), counted, claims)))
+    return "\n\n".join(
+        filter(None, (_describe_runs(runs), format_markdown(build_gain_table(summary)), counted, claims))
+    )
 
 
-def _list_seeds(runs: Runs) -> list[int]:
-    return sorted({seed for results in runs for seed in results.run.all_seeds})
+def _describe_runs(runs: Runs) -> str:
+    """Return what was measured with which seeds, and what is left out. Raises InputError for runs of several suites."""
+    suites = [*dict.fromkeys(results.run.describe_suite() for results in runs)]
+    if len(suites) > 1:
+        raise InputError(f"table: expected runs of one suite and season, found {suites[0]} and {suites[1]}")
+    seeds = sorted({seed for results in runs for seed in results.run.all_seeds})
+    places = {one.id: one.label[0] for results in runs for one in results.scenarios}
+    void = sum(results.void for results in runs)
+    left_out = f" {void} episodes are void and their scenarios left out." if void else ""
+    return (
+        f"Measured on {suites[0]}, scenarios: {len(places)}, places: {len({*places.values()})},"
+        f" seeds: {', '.join(map(str, seeds))}.{left_out}"
+    )
 
 
-def _format_differences(runs: Runs) -> str:
-    table = build_difference_table(compute_differences(make_agents_of_results(runs)))
-    return f"{format_markdown(table)}\n\n{table.note}"
+def _format_aims(runs: Runs, list_figures: Callable[[MeasuredDrivers], Iterable[SuiteFigure]]) -> str:
+    return f"{_describe_runs(runs)}\n\n{format_figures([*list_figures(MeasuredDrivers(runs))])}"
 
 
 TABLES: Mapping[str, Callable[[Runs], str]] = {
@@ -89,10 +114,56 @@ TABLES: Mapping[str, Callable[[Runs], str]] = {
     "gain-scores": lambda runs: format_markdown(build_score_table(_summarise_gain(runs))),
     "seasons-ds": lambda runs: _format_seasons(runs, "ds"),
     "seasons-sr": lambda runs: _format_seasons(runs, "sr"),
-    "scores": lambda runs: format_markdown(build_bucket_table(make_agents_of_results(runs))),
-    "differences": _format_differences,
+    "hard-aims": lambda runs: _format_aims(runs, list_hard_figures),
+    "v2xpnp-aims": lambda runs: _format_aims(runs, list_log_figures),
+    "drivers": lambda runs: format_drivers(MeasuredDrivers(runs)),
 }
-"""What a page can show of a file of values: the tables of `study gain`, `study seasons` and `report`."""
+"""What a page can show of a file: tables of `study gain`, of `study seasons`, and of the aims of suites."""
+TWINS = "twins"
+"""The table of `study twins`, whose files have a part for each factor and one for its originals."""
+
+
+def pair_runs(parts: Mapping[str, Runs]) -> Values:
+    """Return the scores that a study of twins compares, of its runs by the name of their folder: `PART`."""
+    rows = [
+        TwinRow(find_compared_agent(results.run), None if part == ORIGINAL else TwinFactor(part), (results,))
+        for part, found in parts.items()
+        for results in found
+    ]
+    infos = {(row.agent, row.factor): row.results[0].run for row in rows}
+    values: dict[str, list[Results]] = {}
+    for (agent, factor), pairs in pair_twins(rows).items():
+        bases, twins = zip(*pairs, strict=True)
+        values.setdefault(_name_originals(factor), []).append(summarize_run(infos[agent, None], bases))
+        values.setdefault(factor.value, []).append(summarize_run(infos[agent, factor], twins))
+    return values
+
+
+def _name_originals(factor: TwinFactor) -> str:
+    return f"{factor}, {ORIGINAL}"
+
+
+def _format_twins(values: Values) -> str:
+    lines: list[TwinLine] = []
+    for factor in (one for one in TwinFactor if one in values):
+        originals = {results.run.agent: results for results in values[_name_originals(factor)]}
+        for twin in values[factor]:
+            agent = find_compared_agent(twin.run)
+            pairs = zip(originals[agent].scenarios, twin.scenarios, strict=True)
+            lines.append(compare_pairs(agent, factor, [*pairs]))
+    summary = TwinSummary(tuple(sorted(lines, key=lambda line: line.agent)), gaps=(), void=0)
+    counted = describe_comparisons([line.change[metric] for line in lines for metric in METRICS])
+    described = _describe_runs(values[_name_originals(lines[0].factor)])
+    return "\n\n".join(filter(None, (described, format_markdown(build_twins_table(summary)), counted)))
+
+
+def _format_table(table: str, values: Values) -> str:
+    """Return a table of a file of values. Raises InputError if the file is one of other runs."""
+    is_paired = WHOLE not in values
+    if is_paired != (table == TWINS):
+        kinds = "of a study of twins", "of other runs"
+        raise InputError(f"table {table}: expected values {kinds[is_paired]}, found values {kinds[not is_paired]}")
+    return _format_twins(values) if is_paired else TABLES[table](values[WHOLE])
 
 
 def fill_page(text: str, root: Path, page: str) -> str:
@@ -100,11 +171,11 @@ def fill_page(text: str, root: Path, page: str) -> str:
 
     def fill(match: re.Match[str]) -> str:
         begin, name, table, end = match.groups()
-        if table not in TABLES:
-            raise InputError(f"{page}: table: expected one of {', '.join(TABLES)}, found {table}")
-        if not (root / VALUES / f"{name}.parquet").is_file() and NOT_KEPT in match[0]:
+        if table not in (*TABLES, TWINS):
+            raise InputError(f"{page}: table: expected one of {', '.join((*TABLES, TWINS))}, found {table}")
+        if not (root / VALUES / f"{name}.parquet").is_file() and any(words in match[0] for words in WITHOUT_FILE):
             return match[0]
-        return f"{begin}\n{TABLES[table](read_values(root / VALUES / f'{name}.parquet'))}\n\n{end}"
+        return f"{begin}\n{_format_table(table, read_values(root / VALUES / f'{name}.parquet'))}\n\n{end}"
 
     return MARK.sub(fill, text)
 
@@ -115,7 +186,7 @@ def find_pages(root: Path) -> list[Path]:
     return [page.relative_to(root) for page in pages if MARK.search(read_text(page))]
 
 
-def load_runs(places: Sequence[Path]) -> list[Results]:
+def load_values(places: Sequence[Path]) -> Values:
     """Return all results below the places. Raises InputError where there are none, and for unfinished runs."""
     files = [file for place in places for file in ([place] if place.is_file() else sorted(place.rglob(RESULTS_FILE)))]
     if not files:
@@ -124,7 +195,11 @@ def load_runs(places: Sequence[Path]) -> list[Results]:
     for file, results in zip(files, runs, strict=True):
         if results.planned is not None:
             raise InputError(f"{file}: expected a finished run, found {len(results.scenarios)} of {results.planned}")
-    return runs
+    names = [file.parent.name for file in files]
+    if ORIGINAL not in names:
+        return {WHOLE: runs}
+    parts = {name: [runs[i] for i, part in enumerate(names) if part == name] for name in (ORIGINAL, *TwinFactor)}
+    return pair_runs(parts)
 
 
 @click.command(cls=ToolCommand, context_settings=HELP)
@@ -136,7 +211,7 @@ def main(runs: tuple[Path, ...], values: str, dry_run: bool) -> None:
     if bool(values) != bool(runs):
         raise InputError("expected --values NAME with runs, found one without the other")
     if values and not dry_run:
-        write_values(ROOT / VALUES / f"{values}.parquet", load_runs(runs))
+        write_values(ROOT / VALUES / f"{values}.parquet", load_values(runs))
     for page in find_pages(ROOT):
         text = read_text(ROOT / page)
         if (filled := fill_page(text, ROOT, str(page))) != text:

@@ -45,6 +45,8 @@ ORIGINAL = "original"
 REFERENCE_FOLDER = "reference"
 """Folder of the drive of `omniscient` in which occluders are found."""
 NEEDS_DRIVE = frozenset({TwinFactor.OCCLUDER, TwinFactor.BACKGROUND})
+TwinPair = tuple[ScenarioResult, ScenarioResult]
+"""The result of an episode of the original with the scores that are compared, and the same with those of the twin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,8 +237,7 @@ class TwinLine:
     twin: Mapping[str, ConfidenceInterval]
     change: Mapping[str, ConfidenceInterval]
     """Twin - original, paired by scenario and seed, by metric."""
-    pairs: tuple[tuple[ScenarioResult, ScenarioResult], ...]
-    """Results of every episode of the original, with the scores that are compared, and with those of the twin."""
+    pairs: tuple[TwinPair, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,9 +252,7 @@ class TwinSummary:
 
 def summarise_twins(rows: Sequence[TwinRow]) -> TwinSummary:
     """Return a line for each agent and factor that has twins. Raises InputError if all of them are void."""
-    originals = {row.agent: row for row in rows if row.factor is None}
-    compared = (_compare(row, row.factor, originals[row.agent]) for row in rows if row.factor is not None)
-    lines = tuple(line for line in compared if line is not None)
+    lines = tuple(compare_pairs(*key, pairs) for key, pairs in pair_twins(rows).items())
     if not lines:
         raise InputError("study twins: expected twins that are not void, found none")
     first = rows[0].agent
@@ -262,21 +261,29 @@ def summarise_twins(rows: Sequence[TwinRow]) -> TwinSummary:
     return TwinSummary(lines, gaps, planned - sum(line.scenarios for line in lines))
 
 
-def _compare(row: TwinRow, factor: TwinFactor, original: TwinRow) -> TwinLine | None:
-    """Return the line of an agent and a factor; None without a pair of episodes that are not void."""
-    twins, bases = group_by_scenario(row.scenarios), group_by_scenario(original.scenarios)
-    pairs = [
-        _pair(base, twins[name][seed])
-        for name, by_seed in bases.items()
-        if name in twins
-        for seed, base in sorted(by_seed.items())
-    ]
-    if not pairs:
-        return None
+def pair_twins(rows: Sequence[TwinRow]) -> dict[tuple[str, TwinFactor], tuple[TwinPair, ...]]:
+    """Return the pairs of episodes that are void in neither, by agent and factor; those without any are left out."""
+    originals = {row.agent: group_by_scenario(row.scenarios) for row in rows if row.factor is None}
+    found: dict[tuple[str, TwinFactor], tuple[TwinPair, ...]] = {}
+    for row in rows:
+        twins = group_by_scenario(row.scenarios)
+        pairs = tuple(
+            _pair(base, twins[name][seed])
+            for name, by_seed in originals[row.agent].items()
+            if row.factor is not None and name in twins
+            for seed, base in sorted(by_seed.items())
+        )
+        if row.factor is not None and pairs:
+            found[row.agent, row.factor] = pairs
+    return found
+
+
+def compare_pairs(agent: str, factor: TwinFactor, pairs: Sequence[TwinPair]) -> TwinLine:
+    """Return the line of an agent and a factor; one pair or more."""
     before, after = zip(*pairs, strict=True)
     scores = {m: [np.array([getattr(one, m) for one in results]) for results in (before, after)] for m in METRICS}
     return TwinLine(
-        row.agent,
+        agent,
         factor,
         len({base.id for base in before}),
         {metric: bootstrap_results(values[0], before) for metric, values in scores.items()},
@@ -286,7 +293,7 @@ def _compare(row: TwinRow, factor: TwinFactor, original: TwinRow) -> TwinLine | 
     )
 
 
-def _pair(base: ScenarioResult, twin: ScenarioResult) -> tuple[ScenarioResult, ScenarioResult]:
+def _pair(base: ScenarioResult, twin: ScenarioResult) -> TwinPair:
     """Return original and twin with the scores to compare: with a stranger those of the CAVs that it does not drive."""
     own = {ego.id for ego in twin.egos if ego.is_other}
     if not own:
@@ -300,4 +307,5 @@ def _pair(base: ScenarioResult, twin: ScenarioResult) -> tuple[ScenarioResult, S
 def _score_cavs(egos: Sequence[EgoResult]) -> dict[str, float]:
     """Return DS and SR [%] of some CAVs: means over them, with the time factors of mode `hard`."""
     scores = [ego.ds * (1.0 if ego.time_factor is None else ego.time_factor) for ego in egos]
-    return {"ds": compute_mean(scores), "sr": 100.0 * compute_mean(ego.ds > SUCCESS_DS for ego in egos)}
+    means = {"ds": compute_mean(scores), "sr": 100.0 * compute_mean(ego.ds > SUCCESS_DS for ego in egos)}
+    return {metric: round(mean, 6) for metric, mean in means.items()}  # as results have them

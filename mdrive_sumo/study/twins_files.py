@@ -87,6 +87,7 @@ def twin_episodes_csv(summary: TwinSummary) -> str:
         (
             line.agent,
             line.factor,
+            base.place,
             base.id,
             str(base.seed),
             *(f"{getattr(one, metric):.6f}" for metric in METRICS for one in (base, twin)),
@@ -94,7 +95,7 @@ def twin_episodes_csv(summary: TwinSummary) -> str:
         for line in summary.lines
         for base, twin in line.pairs
     )
-    names = ("agent", "factor", "scenario", "seed", "ds", "twin_ds", "sr", "twin_sr")
+    names = ("agent", "factor", "place", "scenario", "seed", "ds", "twin_ds", "sr", "twin_sr")
     return format_csv(make_text_table(names, rows))
 
 

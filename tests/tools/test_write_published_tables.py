@@ -1,5 +1,6 @@
 """Published tables and the values behind them: what pages show is what files give, and unusable files."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -10,13 +11,18 @@ from testing.study_samples import make_run, make_scenario
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_markdown
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.scoring import Results, load_unchecked_results, save_results
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.study.gain import AGENTS, GainRow, summarise_gain
 from mdrive_sumo.study.gain_files import build_gain_table
+from mdrive_sumo.study.twin_scenarios import TwinFactor
+from mdrive_sumo.study.twins import ORIGINAL
+from mdrive_sumo.v2x.comm_settings import PRESETS, describe_comm
 from tools import write_published_tables
-from tools.published_values import read_values, write_values
-from tools.write_published_tables import TABLES, fill_page, find_pages
+from tools.aim_tables import MeasuredDrivers, SuiteFigure, list_hard_figures, list_log_figures
+from tools.published_values import WHOLE, read_values, write_values
+from tools.write_published_tables import TABLES, WITHOUT_FILE, fill_page, find_pages, load_values
 
 PLACES = 12
 
@@ -50,8 +56,8 @@ def test_pages_show_what_their_files_give() -> None:
 
 def test_scores_and_settings_come_back_with_six_decimals(tmp_path: Path) -> None:
     runs = [drive("idm", 61.123456), drive("single", 70.0, 1)]
-    write_values(tmp_path / "a.parquet", runs)
-    found = read_values(tmp_path / "a.parquet")
+    write_values(tmp_path / "a.parquet", {WHOLE: runs})
+    found = read_values(tmp_path / "a.parquet")[WHOLE]
     assert [one.run for one in found] == [one.run for one in runs]
     assert [one.overall for one in found] == [one.overall for one in runs]
     names = ("id", "seed", "place", "bucket", "status", "ds", "sr", "rc", "ip", "time_ratio", "efficient_sr")
@@ -100,31 +106,110 @@ def test_each_kind_of_table_is_made_of_values(name: str, tmp_path: Path) -> None
         for season in (("1", "2") if name.startswith("seasons") else ("1",))
         for agent, ds in (("idm", 60.0), ("single", 70.0))
     ]
-    write_values(tmp_path / "x.parquet", runs)
-    table = TABLES[name](read_values(tmp_path / "x.parquet"))
-    assert "idm" in table and table == TABLES[name](runs)
+    write_values(tmp_path / "x.parquet", {WHOLE: runs})
+    table = TABLES[name](read_values(tmp_path / "x.parquet")[WHOLE])
+    assert "single" in table and table == TABLES[name](runs)
+
+
+def test_values_that_are_written_again_have_the_same_bytes(tmp_path: Path) -> None:
+    runs = [drive("sharing", 61.123456, labels=("sharing",)), drive("omniscient", 99.0, labels=("privileged",))]
+    write_values(tmp_path / "a.parquet", {"a": runs, "b": runs[:1]})
+    write_values(tmp_path / "b.parquet", read_values(tmp_path / "a.parquet"))
+    assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
+
+
+def find_figures(figures: Iterable[SuiteFigure]) -> dict[str, tuple[float | None, bool | None]]:
+    return {one.name: (one.interval and one.interval.mean, one.is_met) for one in figures}
+
+
+def test_aims_of_the_hard_tier_are_met_or_not() -> None:
+    fast = AgentSpec("single", {"speed_share": 1.5}).config_hash()
+    runs = [
+        drive("constant-speed", 20.0),
+        drive("memory", 24.0),
+        drive("single", 30.0),
+        drive("single", 41.0, agent_config=fast),
+        drive("single", 31.0, sensing="perfect"),
+        drive("sharing", 60.0),
+        drive("sharing+negotiation", 71.0),
+    ]
+    found = find_figures(list_hard_figures(MeasuredDrivers(runs)))
+    middle = 11 / 8  # of twelve places, each a quarter better than the one before
+    assert found["single"] == (30 + middle, True) and found["single, sensing perfect"] == (31 + middle, True)
+    assert found["single, 1.5 x the limit"] == (41 + middle, False)
+    assert found["sharing+negotiation, the best rule"] == (71 + middle, True)
+    assert found["memory - constant-speed"] == (4.0, False)
+    assert found["sharing - single"] == (30.0, True)
+    assert found["omniscient"] == found["omniscient - sharing+negotiation"] == (None, None)
+
+
+def test_aims_of_v2xpnp_compare_the_same_agent_over_worse_channels() -> None:
+    clean = describe_comm(PRESETS["realistic"])
+    late = {**clean, "latency_ticks": 6.0}
+    off = {**clean, "pose_error_m": 0.6, "pose_error_deg": 0.6}
+    runs = [drive("single", 70.0, comm=clean), drive("sharing", 80.0, comm=clean)]
+    runs += [drive("constant-speed", 61.0, comm=clean)]
+    runs += [drive("sharing", 80.0, comm=late), drive("sharing", 75.0, comm=off)]
+    found = find_figures(list_log_figures(MeasuredDrivers(runs)))
+    assert found["constant-speed"][1] is False and found["single"][1] is False
+    assert found["sharing - single"] == (10.0, True)
+    assert found["sharing, 6 ticks of latency"] == (0.0, False)
+    assert found["sharing, pose error of 0.6 m and 0.6°"] == (-5.0, True)
+    assert found["sharing+negotiation, 6 ticks of latency"] == (None, None)
+
+
+def test_the_table_of_twins_is_that_of_the_study(root: Path) -> None:
+    """Its runs lie in folders that are named after what the twins change; the drive that finds occluders is none."""
+    for part, agent, ds in ((ORIGINAL, "single", 40.0), (TwinFactor.OCCLUDER, "single", 52.5), ("reference", "x", 1.0)):
+        folder = root / "runs" / agent / part
+        folder.mkdir(parents=True)
+        save_results(drive(agent, ds), folder / "results.json")
+    values = load_values([root / "runs"])
+    assert {part: [one.run.agent for one in found] for part, found in values.items()} == {
+        "occluder, original": ["single"],
+        "occluder": ["single"],
+    }
+    write_values(root / "docs/results/values/twins.parquet", values)
+    page = "<!-- values:twins:twins:begin -->\n<!-- values:twins:twins:end -->"
+    assert "| single | occluder | 24 | 41.4 | 53.9 | +12.5 [+12.5, +12.5] |" in fill_page(page, root, "page.md")
+    with pytest.raises(InputError, match="table gain: expected values of other runs, found values of a study of twins"):
+        fill_page(page.replace(":twins:twins", ":twins:gain"), root, "page.md")
+    write_values(root / "docs/results/values/twins.parquet", {WHOLE: list_gain_runs()})
+    with pytest.raises(InputError, match="table twins: expected values of a study of twins, found values of other"):
+        fill_page(page, root, "page.md")
+
+
+def test_a_table_of_several_seasons_or_with_missing_runs_is_refused() -> None:
+    runs = [drive("single", 70.0, suite=f"mdrive@{season}", suite_checksum=f"sha256:{season}") for season in (1, 2)]
+    for name in TABLES:
+        if not name.startswith("seasons"):
+            with pytest.raises(InputError, match=r"expected runs of one suite( and season)?, found mdrive@1"):
+                TABLES[name](runs)
+    with pytest.raises(InputError, match=r"expected sharing, sensing perfect, with seeds \[0, 1\], found \[1\]"):
+        TABLES["gain"]([one for one in list_gain_runs() if one.run.agent != "sharing" or one.run.seed])
 
 
 def test_a_table_that_is_older_than_its_file_says_so(root: Path) -> None:
     page = "<!-- values:gain:gain:begin -->\nThe values of these runs were not kept.\n<!-- values:gain:gain:end -->"
     assert fill_page(page, root, "page.md") == page
-    write_values(root / "docs/results/values/gain.parquet", list_gain_runs())
+    assert fill_page(new := page.replace(WITHOUT_FILE[0], WITHOUT_FILE[1]), root, "page.md") == new
+    write_values(root / "docs/results/values/gain.parquet", {WHOLE: list_gain_runs()})
     text = fill_page(page, root, "page.md")
     assert "not kept" not in text and "Shown after correction, for DS and SR apart" in text
-    assert "total in InterDrive (DS +10.0)" in text and "seeds 0, 1." in text
+    assert "total in InterDrive (DS +10.0)" in text and "seeds: 0, 1." in text
 
 
 def test_files_that_cannot_be_used_are_named(root: Path) -> None:
     path = root / "docs/results/values/gain.parquet"
     assert write().startswith("2 ") and "gain.parquet" in write()
-    write_values(path, list_gain_runs())
+    write_values(path, {WHOLE: list_gain_runs()})
     table = pq.read_table(path)
     metadata = dict(table.schema.metadata)
     pq.write_table(table.replace_schema_metadata(metadata | {b"format": b"mdrive-sumo/published-values/9"}), path)
-    with pytest.raises(InputError, match=r"gain.parquet: format: expected .*/1, found .*/9; `python -m tools"):
+    with pytest.raises(InputError, match=r"gain.parquet: format: expected .*/2, found .*/9; `python -m tools"):
         read_values(path)
     pq.write_table(table.drop_columns(["place"]).replace_schema_metadata(metadata), path)
-    with pytest.raises(InputError, match="expected the columns run, agent"):
+    with pytest.raises(InputError, match="expected the columns run, part, agent"):
         read_values(path)
     pq.write_table(table.replace_schema_metadata(metadata | {b"runs": b"[{}]"}), path)
     with pytest.raises(InputError, match="expected runs and scores of this version"):
