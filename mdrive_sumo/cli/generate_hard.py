@@ -20,7 +20,7 @@ from mdrive_sumo.core.terminal import echo, echo_live
 from mdrive_sumo.generate.generated_suite import check_output_folder
 from mdrive_sumo.generate.hard.adversarial_search import SearchJournal, SearchSettings, run_search
 from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation
-from mdrive_sumo.generate.hard.family_search import BATCH, FamilySearch
+from mdrive_sumo.generate.hard.family_search import FamilySearch
 from mdrive_sumo.generate.hard.hard_places import HardPlace, draw_pool, list_choices
 from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR, find_families
 from mdrive_sumo.generate.hard.hard_selection import ChosenCandidate, choose_scenarios
@@ -34,7 +34,7 @@ from mdrive_sumo.scenario.suite import SuiteFile
 
 HARD_NAME = "hard"
 BUDGET = 96
-"""Candidates of a family in a command that says no budget: twelve batches."""
+"""Candidates of a family in a command that says no budget."""
 PLACES_FOLDER = "places"
 HARD_ONLY = ("families", "budget", "search_folder", "fresh", "no_search")
 WITH_HARD = ("hard", "season", "secret", "count", "out", "workers", *HARD_ONLY)
@@ -52,7 +52,7 @@ def hard_options(function: Callable[..., None]) -> Callable[..., None]:
             type=click.IntRange(1, 100_000),
             default=BUDGET,
             show_default=True,
-            help=f"hard: candidates per family, rounded up to batches of {BATCH}.",
+            help="hard: candidates per family.",
         ),
         click.option(
             "--search-folder",

@@ -23,8 +23,6 @@ TALKER = "talker"
 class LocalExecutor(Generic[J, R]):
     """A ProcessPool whose jobs run in this process, with failures described as by a worker."""
 
-    free_slots = 1
-
     def __init__(self, function: Callable[[J], R], *_: object) -> None:
         self._function = function
         self._done: list[tuple[str, R | WorkerFailure]] = []
@@ -34,6 +32,11 @@ class LocalExecutor(Generic[J, R]):
 
     def __exit__(self, *_: object) -> None:
         """There is nothing to end."""
+
+    @property
+    def free_slots(self) -> int:
+        """One worker, which has a new job when its last outcome is collected."""
+        return 0 if self._done else 1
 
     def submit(self, key: str, job: J) -> None:
         self._done.append((key, worker_process.run_job_guarded(self._function, job)))

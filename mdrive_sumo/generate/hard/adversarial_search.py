@@ -1,4 +1,4 @@
-"""The adversarial search over families: batch after batch of each family, evaluated in worker processes.
+"""The adversarial search over families: candidates of all of them, evaluated in worker processes.
 
 A journal keeps every evaluated candidate (format, checksums and lock: `runs.journal`). A search that is started again
 proposes the same candidates in the same order and takes from the journal what was evaluated before. So an interrupted
@@ -6,6 +6,7 @@ search continues, and so does one with a larger budget or with more families.
 """
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -22,7 +23,7 @@ from mdrive_sumo.generate.hard.candidate_evaluation import (
 )
 from mdrive_sumo.generate.hard.candidate_probes import describe_probes
 from mdrive_sumo.generate.hard.family import ScenarioFamily
-from mdrive_sumo.generate.hard.family_search import BATCH, FamilySearch
+from mdrive_sumo.generate.hard.family_search import AHEAD, FamilySearch
 from mdrive_sumo.generate.hard.hard_places import PLACES_OF_CHOICE, HardPlace, find_places
 from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR
 from mdrive_sumo.generate.seasons.season_seed import SeasonSeed
@@ -33,8 +34,6 @@ from mdrive_sumo.scenario.scenario import describe_first_error
 
 CANDIDATE_LIMIT_S = 600.0
 """Wall clock for one candidate: it ends what hangs, and must not end what only waits for a busy machine."""
-MOST_COUNTED = 60
-"""Candidates that passed from which on more give a family no more turns: a suite takes 30 of one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,20 +42,15 @@ class SearchSettings:
 
     families: tuple[ScenarioFamily, ...]
     budget: int
-    """Candidates per family, rounded up to whole batches."""
+    """Candidates per family."""
     seed: SeasonSeed
     workers: int
-
-    @property
-    def batches(self) -> int:
-        """Batches of candidates per family."""
-        return -(-self.budget // BATCH)
 
     @property
     def fingerprint(self) -> Fingerprint:
         """What makes two searches the same: neither budget nor families, which only extend a search."""
         return {
-            "search": "mdrive-sumo/hard-search/3",
+            "search": "mdrive-sumo/hard-search/4",
             "generator": HARD_GENERATOR,
             **self.seed.describe(),
             "places": PLACES_OF_CHOICE,
@@ -107,16 +101,16 @@ class SearchJournal:
 
 @dataclass
 class _FamilyQueue:
-    """The current batch of a family: its tasks, and those that still have to be evaluated."""
+    """The candidates of a family that are proposed and not yet recorded."""
 
     search: FamilySearch
     settings: SearchSettings
     journal: SearchJournal
-    batches: int = 0
-    """Recorded batches."""
-    batch: Sequence[CandidateTask] = ()
-    waiting: list[CandidateTask] = field(default_factory=list[CandidateTask])
-    """Those that no worker process has yet."""
+    proposed: int = 0
+    open: deque[CandidateTask] = field(default_factory=deque[CandidateTask])
+    """Those that are not recorded, in their order."""
+    waiting: deque[CandidateTask] = field(default_factory=deque[CandidateTask])
+    """Those of them that no worker process has yet."""
 
     @property
     def turn(self) -> float:
@@ -125,30 +119,32 @@ class _FamilyQueue:
         It changes no candidate, but a search that ends early has more of the families of which much passes; the root
         keeps the others from waiting for ever.
         """
-        given = (self.batches + 1) * BATCH - len(self.waiting)
-        return given / math.sqrt(1.0 + min(self.search.passed, MOST_COUNTED))
+        return (self.proposed - len(self.waiting)) / math.sqrt(1.0 + self.search.passed)
 
     def advance(self) -> None:
-        """Record complete batches and propose the next one, until one is incomplete or none is left."""
-        while self.batches < self.settings.batches and not self.search.is_hopeless:
-            if not self.batch:
-                family, places = self.search.family, self.search.places
-                self.batch = [CandidateTask(family, one, places[one.place]) for one in self.search.propose_batch()]
-                self.waiting = _find_missing(self.batch, self.journal)
-            names = [task.candidate.scenario_id for task in self.batch]
-            if not all(name in self.journal.evaluations for name in names):
+        """Record what is evaluated, in the order of the proposals, and propose one more candidate for each."""
+        while not self.search.is_over:
+            while self.proposed < min(len(self.search.evaluations) + AHEAD, self.settings.budget):
+                self._propose()
+            if not self.open or self.open[0].candidate.scenario_id not in self.journal.evaluations:
                 return
-            self._record(names)
-            self.batches += 1
+            self.search.record(self.journal.evaluations[self.open.popleft().candidate.scenario_id])
+        self.open.clear()
+        self.waiting.clear()
+
+    def _propose(self) -> None:
+        candidate = self.search.propose()
+        task = CandidateTask(self.search.family, candidate, self.search.places[candidate.place])
+        self.proposed += 1
+        self.open.append(task)
+        if not _is_kept(task, self.journal):
+            self.waiting.append(task)
 
     def end(self) -> None:
-        """Record what there is of the current batch."""
-        names = [task.candidate.scenario_id for task in self.batch]
-        self._record([name for name in names if name in self.journal.evaluations])
-
-    def _record(self, names: Sequence[str]) -> None:
-        self.search.record_batch([self.journal.evaluations[name] for name in names])
-        self.batch, self.waiting = (), []
+        """Record what is evaluated behind candidates that are not."""
+        for task in self.open:
+            if (found := self.journal.evaluations.get(task.candidate.scenario_id)) is not None:
+                self.search.record(found)
 
 
 def run_search(
@@ -161,12 +157,11 @@ def run_search(
 ) -> tuple[FamilySearch, ...]:
     """Search all families on the places of a pool and return them. Raises InputError, KeyboardInterrupt.
 
-    A family waits for its own batch alone, so that no worker process idles while another family's batch ends.
-    only_kept: evaluate nothing; a family ends with the first batch that the journal does not hold completely.
+    only_kept: evaluate nothing; a family ends with the last of its next `AHEAD` candidates that the journal holds.
     """
     searches = [FamilySearch(family, find_places(pool, family), settings.seed) for family in settings.families]
     queues = [_FamilyQueue(search, settings, journal) for search in searches]
-    progress.begin(len(queues) * settings.batches * BATCH, len(journal.evaluations))
+    progress.begin(len(queues) * settings.budget, len(journal.evaluations))
     for queue in queues:
         queue.advance()
     if not only_kept:
@@ -185,12 +180,12 @@ def _evaluate(
     journal: SearchJournal,
     progress: SearchProgress,
 ) -> None:
-    """Evaluate the batches of all families; the family whose turn it is comes first."""
+    """Evaluate the candidates of all families; the family whose turn it is comes first."""
     running: dict[Key, tuple[_FamilyQueue, CandidateTask]] = {}
     while True:
         while pool.free_slots and (ready := [queue for queue in queues if queue.waiting]):
             queue = min(ready, key=lambda one: one.turn)
-            task = queue.waiting.pop(0)
+            task = queue.waiting.popleft()
             key = task.candidate.scenario_id
             running[key] = queue, task
             pool.submit(key, task)
@@ -205,13 +200,12 @@ def _evaluate(
             queue.advance()
 
 
-def _find_missing(batch: Sequence[CandidateTask], journal: SearchJournal) -> list[CandidateTask]:
-    """Return the candidates that the journal does not hold. Raises InputError where it has one with other values."""
-    for task in batch:
-        found = journal.evaluations.get(task.candidate.scenario_id)
-        if found is not None and (found.place, found.values) != (task.candidate.place, task.candidate.values):
-            raise InputError(
-                f"{journal.path}: candidate {found.id}: expected values {task.candidate.values}, found {found.values};"
-                " its family or the search has changed since; --fresh starts anew"
-            )
-    return [task for task in batch if task.candidate.scenario_id not in journal.evaluations]
+def _is_kept(task: CandidateTask, journal: SearchJournal) -> bool:
+    """Return whether the journal holds a candidate. Raises InputError where it has one with other values."""
+    found = journal.evaluations.get(task.candidate.scenario_id)
+    if found is not None and (found.place, found.values) != (task.candidate.place, task.candidate.values):
+        raise InputError(
+            f"{journal.path}: candidate {found.id}: expected values {task.candidate.values}, found {found.values};"
+            " its family or the search has changed since; --fresh starts anew"
+        )
+    return found is not None

@@ -1,8 +1,9 @@
 """Evaluate a candidate of the adversarial search: built, solved by `omniscient`, and how much the rules lose.
 
-The cheapest test comes first: build -> length -> danger (blind driving must do harm) -> feasibility (`omniscient`, seed
-0) -> the two rules that decide most (seed 0) -> feasibility with other seeds -> the factor of the time limits -> all
-rules with three seeds -> speeding and cautious variants -> certificate of need. Only what the choice needs is kept.
+First comes what rejects most in a second of processor time: build -> length -> danger (blind driving must do harm) ->
+feasibility (`omniscient`, seed 0) -> `single` (seed 0) -> certificate of need, which says the factor of the time limits
+-> speeding and cautious drivers (seed 0) -> all rules (seed 0) -> feasibility with other seeds -> all rules with other
+seeds. Only what the choice needs is kept.
 """
 
 import math
@@ -49,7 +50,7 @@ from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.statistics import compute_route_length
 from mdrive_sumo.scenario.variation import vary_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, find_arrival_ticks, score_episode
-from mdrive_sumo.study.need_certificate import NeedCertificate, Proof, certify_need, find_cautious_arrival
+from mdrive_sumo.study.need_certificate import NeedCertificate, Proof, certify_need
 
 BLIND_AGENT = "constant-speed"
 """It is driven before anything else, and cheaply: most random candidates hold no conflict at all."""
@@ -110,6 +111,11 @@ class CandidateFigures(BaseModel):
         return max(self.scores[name] for name in UNAIDED_NAMES)
 
     @property
+    def variants_score(self) -> float:
+        """Mean of the speeding and cautious drivers."""
+        return math.fsum(self.scores[variant.name] for variant in VARIANTS) / len(VARIANTS)
+
+    @property
     def driving_s(self) -> float:
         """Times of all CAVs with `omniscient` together [s]."""
         return sum(self.reference_ticks.values()) * DT
@@ -149,7 +155,8 @@ class CandidateEvaluation(BaseModel):
             lost = 0.0 if self.rejected_score is None else 1.0 - self.rejected_score / FULL_SCORE
             return lost + (self.stage is RejectionStage.GAP)
         found = self.figures
-        return FULL_SCORE - found.unaided_score + FULL_SCORE * (found.need.holds + (found.need.proves is Proof.ALL))
+        best = max(found.unaided_score, found.variants_score)
+        return FULL_SCORE - best + FULL_SCORE * (found.need.holds + (found.need.proves is Proof.ALL))
 
     def make_recipe(self, place: HardPlace) -> HardRecipe:
         """Return the recipe of the scenario of a candidate that was not rejected, with time limits."""
@@ -213,21 +220,25 @@ def _measure_candidate(task: CandidateTask) -> CandidateFigures:
 
 def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
     solved, ticks = _solve(scenario, roads)
-    lenient = set_time_limits(scenario, compute_time_limits(ticks))
-    CandidateScores(lenient, roads, ticks).drive(FIRST_PROBES, FIRST_SEED)
-    factor = choose_limit_factor(ticks, find_cautious_arrival(lenient, roads, solved))
-    final = set_time_limits(scenario, compute_time_limits(ticks, factor))
-    reference_score = _solve_with_all_seeds(solved, final, roads, ticks)
+    final = set_time_limits(scenario, compute_time_limits(ticks))
     scores = CandidateScores(final, roads, ticks)
+    scores.drive(FIRST_PROBES, FIRST_SEED)
+    need = certify_need(final, roads, solved)
+    factor = choose_limit_factor(ticks, {route.ego: route.cautious_s for route in need.routes})
+    if factor < MOST_FACTOR:
+        final = set_time_limits(scenario, compute_time_limits(ticks, factor))
+        need = certify_need(final, roads, solved)
+        scores = CandidateScores(final, roads, ticks)
+    scores.drive_variants()
     scores.drive(PROBES, FIRST_SEED)
+    reference_score = _solve_with_all_seeds(solved, final, roads, ticks)
     scores.drive(PROBES, PROBE_SEEDS)
-    scores.drive(VARIANTS, FIRST_SEED)
     return CandidateFigures(
         reference_ticks=ticks,
         limit_factor=factor,
         scores={name: round(score, 2) for name, score in {**scores.means, REFERENCE_AGENT: reference_score}.items()},
         controlled_routes=count_met_controls(final, roads),
-        need=certify_need(final, roads, solved),
+        need=need,
     )
 
 

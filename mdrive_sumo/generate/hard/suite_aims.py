@@ -41,6 +41,8 @@ LADDER = (BLIND, SINGLE, SHARING, BOTH, REFERENCE_AGENT)
 STEPS = (1.0, 8.0, 4.0, 6.0)
 """Points between neighbours at which a choice aims, in the order of the ladder: half an interval by places was 5 points
 in the first edition, of which one place had 70 scenarios, and negotiation's gain 4.0 [-2.7, 7.8]."""
+FLATTERY = 4.0
+"""Points by which rules scored more in the first edition with a seed that had not chosen it: 3.5 to 3.9."""
 MOST_MEAN_DRIVING_S = 110.0
 """[s] Mean over the suite of the times of all its CAVs: 126 scenarios of 130 s at most took 5:04 minutes on two cores,
 so that 150 take less than eight."""
@@ -91,12 +93,12 @@ def build_aims(count: int) -> tuple[SuiteAim, ...]:
     """Return the aims of a suite of so many scenarios whose means a choice can be held to."""
     share_price = 100.0 * count  # of a scenario as of a point
     low, high = GIVEN_RANGE
-    unaided = ((SINGLE, 3.0), (SINGLE_PERFECT, 3.0), *((variant.name, 3.0) for variant in VARIANTS))
+    unaided = (SINGLE, SINGLE_PERFECT, *(variant.name for variant in VARIANTS))
     return (
-        *(SuiteAim(f"mean of {name}", _score_of(name), MOST_UNAIDED, margin=margin) for name, margin in unaided),
-        SuiteAim(f"mean of {SHARING}", _score_of(SHARING), high, margin=3.0),
-        SuiteAim(f"mean of {BOTH}", _score_of(BOTH), high, margin=3.0),
-        SuiteAim(f"mean of {BOTH}", _score_of(BOTH), low, is_least=True, margin=3.0),
+        *(SuiteAim(f"mean of {name}", _score_of(name), MOST_UNAIDED, margin=FLATTERY) for name in unaided),
+        SuiteAim(f"mean of {SHARING}", _score_of(SHARING), high, margin=FLATTERY),
+        SuiteAim(f"mean of {BOTH}", _score_of(BOTH), high, margin=FLATTERY),
+        SuiteAim(f"mean of {BOTH}", _score_of(BOTH), low, is_least=True, margin=FLATTERY),
         SuiteAim(f"mean of {REFERENCE_AGENT}", _score_of(REFERENCE_AGENT), LEAST_REFERENCE, is_least=True, margin=1.0),
         SuiteAim(
             "share of certificates of level all", is_proven, LEAST_PROVEN / LEAST_SCENARIOS, is_least=True,

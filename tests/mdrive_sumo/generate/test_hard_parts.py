@@ -1,5 +1,8 @@
 """Parts of the hard tier: factor of the time limits, places of families, proposals, met controls, the first edition."""
 
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -13,10 +16,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard import family_search
 from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation, CandidateTask
-from mdrive_sumo.generate.hard.candidate_rejection import RejectionStage
+from mdrive_sumo.generate.hard.candidate_probes import VARIANTS, CandidateProbe, CandidateScores, compute_most_mean
+from mdrive_sumo.generate.hard.candidate_rejection import CandidateRejected, RejectionStage
 from mdrive_sumo.generate.hard.cautious_drivers import CAUTIOUS_DRIVERS, SPEEDING_DRIVERS
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily, draw_weather
-from mdrive_sumo.generate.hard.family_search import BATCH, FamilySearch
+from mdrive_sumo.generate.hard.family_search import AHEAD, FamilySearch
 from mdrive_sumo.generate.hard.hard_places import HardPlace, find_places, list_choices, name_choice
 from mdrive_sumo.generate.hard.met_controls import count_met_controls
 from mdrive_sumo.generate.hard.time_limits import (
@@ -103,35 +107,42 @@ def test_a_family_gets_the_places_that_it_asks_for_kind_by_kind() -> None:
         list_choices((ScenarioFamily("bad", "", (PlaceChoice("crosing"),), (), TOY_FAMILY.stage),))
 
 
-def run_batches(search: FamilySearch, batches: int) -> list[FamilyCandidate]:
+def run_candidates(search: FamilySearch, count: int) -> list[FamilyCandidate]:
+    """Propose and record candidates as the search does: the next one when all but the last `AHEAD` are recorded."""
     made: list[FamilyCandidate] = []
-    for _ in range(batches):
-        batch = search.propose_batch()
-        made += batch
-        search.record_batch([evaluate_by_formula(CandidateTask(search.family, one, POOL[0])) for one in batch])
+    while len(made) < count:
+        made.append(search.propose())
+        if len(made) >= AHEAD:
+            oldest = made[len(made) - AHEAD]
+            search.record(evaluate_by_formula(CandidateTask(search.family, oldest, POOL[0])))
     return made
 
 
 def test_proposals_are_the_same_again_and_children_stand_on_the_places_of_their_parents() -> None:
     places = find_places(POOL, TOY_FAMILY)
-    one, other = (run_batches(FamilySearch(TOY_FAMILY, places, SeasonSeed(3)), 6) for _ in range(2))
+    one, other = (run_candidates(FamilySearch(TOY_FAMILY, places, SeasonSeed(3)), 96) for _ in range(2))
     assert one == other
     assert [candidate.place for candidate in one[:4]] == ["crossing_0", "crossing_1", "crossing_2", "crossing_0"]
-    assert run_batches(FamilySearch(TOY_FAMILY, places, SeasonSeed(4)), 6) != one
-    bred = one[family_search.FIRST_CANDIDATES :]
+    assert run_candidates(FamilySearch(TOY_FAMILY, places, SeasonSeed(4)), 96) != one
+    bred = one[AHEAD:]
     assert all(0.0 <= candidate.values[0] <= 10.0 for candidate in bred)
     assert sum(candidate.values[0] <= 8.0 for candidate in bred) > 0.8 * len(bred)  # a fifth of random ones is refused
     assert len({candidate.place for candidate in bred}) == 3
 
 
-def test_a_family_of_which_nothing_is_dangerous_ends() -> None:
+def _end_search(update: Mapping[str, object]) -> int:
+    """Return after how many candidates a family ends whose evaluations are all alike."""
     search = FamilySearch(TOY_FAMILY, find_places(POOL, TOY_FAMILY), SeasonSeed(3))
-    while not search.is_hopeless:
-        batch = search.propose_batch()
-        search.record_batch([_reject(one) for one in batch])
-    assert len(search.evaluations) == family_search.GIVE_UP
-    assert FamilySearch(TOY_FAMILY, (), SeasonSeed(3)).is_hopeless
-    assert family_search.GIVE_UP % BATCH == 0
+    while not search.is_over:
+        search.record(_reject(search.propose()).model_copy(update=update))
+    return len(search.evaluations)
+
+
+def test_a_family_ends_of_which_nothing_is_dangerous_or_passes_or_of_which_there_is_enough() -> None:
+    assert _end_search({}) == family_search.GIVE_UP
+    assert _end_search({"stage": RejectionStage.UNAIDED, "rejected_score": 70.0}) == family_search.GIVE_UP_WITHOUT_PASS
+    assert _end_search({"stage": None, "figures": make_figures("toy_1", 70.0, 30.0)}) == family_search.ENOUGH
+    assert FamilySearch(TOY_FAMILY, (), SeasonSeed(3)).is_over
 
 
 def _reject(candidate: FamilyCandidate) -> CandidateEvaluation:
@@ -152,6 +163,39 @@ def test_merit_ranks_what_agents_without_messages_lose() -> None:
     near = [blank.model_copy(update={"stage": stage, "rejected_score": score}) for stage, score in stages]
     ranked = [one.merit for one in (blank, *near, *passed)]
     assert ranked == sorted(ranked) and len(set(ranked)) == len(ranked)
+
+
+def test_the_mean_of_the_first_variants_may_be_above_the_bound_by_two_standard_errors() -> None:
+    bounds = [compute_most_mean(count) for count in range(1, len(VARIANTS) + 1)]
+    assert bounds[0] == pytest.approx(45.0 + 2 * 15.0 * math.sqrt(12 / 13))
+    assert bounds == sorted(bounds, reverse=True)
+    assert bounds[-1] == 45.0
+
+
+def drive_variants(monkeypatch: pytest.MonkeyPatch, scores: Mapping[str, float]) -> list[str]:
+    """Return the names of the variants that are driven when they have these scores (30 where none is named)."""
+    driven: list[str] = []
+
+    def drive(self: CandidateScores, probes: Sequence[CandidateProbe], _seeds: Sequence[int]) -> None:
+        for probe in probes:
+            driven.append(probe.name)
+            self._scores[probe.name] = [scores.get(probe.name, 30.0)]
+
+    monkeypatch.setattr(CandidateScores, "drive", drive)
+    found = CandidateScores(
+        load_suite("hard@0").scenarios[0], load_road_map(find_network_folder("hard_roundabout")), {}
+    )
+    with suppress(CandidateRejected):
+        found.drive_variants()
+    return driven
+
+
+def test_variants_are_driven_until_their_mean_is_too_great(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [variant.name for variant in VARIANTS]
+    assert sorted(drive_variants(monkeypatch, {})) == sorted(names)
+    assert len(drive_variants(monkeypatch, dict.fromkeys(names, 80.0))) == 1
+    assert len(drive_variants(monkeypatch, dict.fromkeys(names, 60.0))) == 4  # after three 60.2 is the bound
+    assert len(drive_variants(monkeypatch, dict.fromkeys(names, 46.0))) == len(names)
 
 
 def test_weather_comes_from_the_seed_as_often_as_in_interaction() -> None:

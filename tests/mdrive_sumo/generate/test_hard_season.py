@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from testing.local_executor import run_in_process
+from testing.local_executor import J, LocalExecutor, R, run_in_process
 from testing.toy_family import TOY, TOY_FAMILY, evaluate_by_formula
 
-from mdrive_sumo.cli import main
+from mdrive_sumo.cli import generate_hard, main
 from mdrive_sumo.generate.hard import adversarial_search, families
 from mdrive_sumo.generate.hard.hard_recipe import load_hard_recipe
+from mdrive_sumo.runs.process_pool import WorkerFailure
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.suite import load_suite
 
@@ -98,8 +99,32 @@ def test_an_interrupted_search_continues(drawn: Path, tmp_path: Path, monkeypatc
     assert stopped.exit_code == 130 and "the same command continues" in stopped.output
     assert not (tmp_path / "hard").exists()
     continued = run_command("--season", 7, *BUDGET, "--out", tmp_path / "hard")
-    assert "continuing: the journal holds 8 candidates" in continued.output
+    assert "continuing: the journal holds 11 candidates" in continued.output
     assert read_contents(tmp_path / "hard") == read_contents(drawn)
+
+
+class ManyWorkers(LocalExecutor[J, R]):
+    """Seven workers; of the jobs that they have the last one is finished first."""
+
+    @property
+    def free_slots(self) -> int:
+        return 7 - len(self._done)
+
+    def collect_outcomes(self, *_: object) -> list[tuple[str, R | WorkerFailure]]:
+        return [self._done.pop()]
+
+
+def test_the_order_in_which_candidates_finish_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(generate_hard, "choose_scenarios", lambda *_: ())  # the choice sorts them
+    journals: list[list[str]] = []
+    for executor in (LocalExecutor, ManyWorkers):
+        monkeypatch.setattr(adversarial_search, "ProcessPool", executor)
+        out = tmp_path / executor.__name__
+        assert "found none; a larger --budget" in run_command("--season", 7, "--budget", 80, "--out", out).output
+        lines = (tmp_path / f"{out.name}.search" / "journal.jsonl").read_text().splitlines()
+        journals.append([json.dumps(json.loads(line)["result"]) for line in lines[1:]])
+    one, many = journals
+    assert one != many and sorted(one) == sorted(many)
 
 
 def test_a_secret_makes_another_season_that_does_not_tell_it(drawn: Path, tmp_path: Path) -> None:
