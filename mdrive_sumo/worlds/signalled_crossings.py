@@ -40,6 +40,14 @@ def find_signalled_crossings(roads: RoadMap) -> tuple[SignalledCrossing, ...]:
     return tuple(found)
 
 
+def has_green_at_start(roads: RoadMap, approach: str, inside: str) -> bool:
+    """Return whether the light between a lane and the junction lane behind it is green when its program begins."""
+    light, index = roads.lanes[approach].lights[inside].rsplit(":", 1)
+    net = ET.fromstring(gzip.decompress(roads.net_file.read_bytes()))
+    _, _, state = next(_list_phases(net, light))
+    return state[int(index)] in "Gg"
+
+
 def _list_phases(net: ET.Element, light: str) -> Iterator[tuple[float, float, str]]:
     """Yield begin and end [s] and state of every phase of a light."""
     now = 0.0

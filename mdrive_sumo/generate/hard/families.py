@@ -2,12 +2,19 @@
 
 from collections.abc import Mapping
 
-from mdrive_sumo.generate.hard import driveway_exits, families_crossings, families_junctions, step_out_families
+from mdrive_sumo.generate.hard import (
+    driveway_exits,
+    families_crossings,
+    families_junctions,
+    families_two_lanes,
+    step_out_families,
+)
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 
 _ALL: tuple[ScenarioFamily, ...] = (
     *families_crossings.FAMILIES,
     *families_junctions.FAMILIES,
+    *families_two_lanes.FAMILIES,
     *step_out_families.FAMILIES,
     *driveway_exits.FAMILIES,
 )

@@ -50,7 +50,7 @@ def find_crossroads(roads: RoadMap, controls: tuple[JunctionKind | None, ...]) -
         for one in conflicts
         if one.other.turn == "straight"
         and (one.own.turn == "straight" or (one.own.turn == "left" and one.own.approach not in straight))
-        and not _are_opposite(roads, one.own, one.other)
+        and not are_opposite(roads, one.own, one.other)
     ]
     return tuple(_build_crossroads(roads, crossings, controls))
 
@@ -60,12 +60,12 @@ def _build_crossroads(
 ) -> Iterator[Crossroads]:
     for one in crossings:
         if one.own.control in controls and one.is_crossing:
-            back = [x for x in crossings if x.other == one.other and _are_opposite(roads, x.own, one.own)]
-            far = [x for x in crossings if x.own == one.own and _are_opposite(roads, x.other, one.other)]
+            back = [x for x in crossings if x.other == one.other and are_opposite(roads, x.own, one.own)]
+            far = [x for x in crossings if x.own == one.own and are_opposite(roads, x.other, one.other)]
             yield Crossroads(one, back[0] if back else None, far[0] if far else None, compute_seen_s(roads, one))
 
 
-def _are_opposite(roads: RoadMap, one: JunctionWay, other: JunctionWay) -> bool:
+def are_opposite(roads: RoadMap, one: JunctionWay, other: JunctionWay) -> bool:
     """Return whether two approaches face each other."""
     first, second = (roads.lanes[way.approach].centre for way in (one, other))
     return abs(wrap_angle(first.yaw_at(first.length) - second.yaw_at(second.length))) > OPPOSITE_RAD

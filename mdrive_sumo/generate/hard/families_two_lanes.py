@@ -1,0 +1,155 @@
+"""Families where CAVs turn left across two lanes of a direction: what stands in one hides a stream in the other."""
+
+import random
+from collections.abc import Callable
+from functools import lru_cache
+
+from mdrive_sumo.generate.drawn_places import PlaceChoice
+from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
+from mdrive_sumo.generate.hard.junction_parameters import MAST, SITE, name_number
+from mdrive_sumo.generate.hard.junction_users import CavColumn, build_columns
+from mdrive_sumo.generate.hard.sites.crossroads import are_opposite
+from mdrive_sumo.generate.hard.sites.junction_conflicts import (
+    JunctionConflict,
+    choose_site,
+    find_junction_conflicts,
+    refuse_place,
+)
+from mdrive_sumo.generate.hard.standing_rows import build_row
+from mdrive_sumo.generate.hard.streams import RoadUserStream, build_stream
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.scenario import RoadsideUnit
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_mast
+from mdrive_sumo.worlds.placement.lane_chains import compute_pose
+from mdrive_sumo.worlds.signalled_crossings import has_green_at_start
+
+HIGH = ("truck", "bus")
+"""Models of vehicles that stand: a LiDAR on a roof does not look over them."""
+ROW_GAP_M = 1.0
+"""[m] Between them."""
+MAST_ASIDE_M = 6.0
+"""[m] From the stream to the roadside unit on its other side: above the lane, each lorry would hide the next one."""
+Fits = Callable[[RoadMap, JunctionConflict], bool]
+
+
+def _turns_before_oncoming(roads: RoadMap, one: JunctionConflict) -> bool:
+    """Return whether a way turns left across the right one of two lanes from ahead, at lights with green at first."""
+    lane = roads.lanes[one.other.approach]
+    return (
+        are_opposite(roads, one.own, one.other)
+        and bool(lane.left)
+        and not roads.lanes[lane.left].left
+        and (one.own.control != "traffic-light" or has_green_at_start(roads, one.own.approach, one.own.inside))
+    )
+
+
+def _turns_out_of_minor_street(roads: RoadMap, one: JunctionConflict) -> bool:
+    """Return whether a way that must give way turns left across the left one of two lanes from the left."""
+    lane = roads.lanes[one.other.approach]
+    return (
+        one.own.control in ("yield", "stop")
+        and one.from_left
+        and not are_opposite(roads, one.own, one.other)
+        and bool(lane.right)
+        and not lane.left
+    )
+
+
+@lru_cache(maxsize=128)
+def _find_sites(roads: RoadMap, fits: Fits) -> tuple[JunctionConflict, ...]:
+    """Return the left turns across ways straight on that fit."""
+    return tuple(
+        one
+        for one in find_junction_conflicts(roads)
+        if one.own.turn == "left" and one.other.turn == "straight" and fits(roads, one)
+    )
+
+
+def stage_left_turn(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
+    """Return CAVs that turn left in front of lorries that wait to turn left, too, and hide a stream beside them."""
+    return _stage(values, seed, roads, _turns_before_oncoming, 1.0)
+
+
+def stage_minor_left_turn(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
+    """Return CAVs that turn left out of a minor street in front of lorries, which hide those who pass them."""
+    return _stage(values, seed, roads, _turns_out_of_minor_street, -1.0)
+
+
+def _stage(values: Values, seed: str, roads: RoadMap, fits: Fits, left: float) -> FamilyScene:
+    """left: 1 where the row stands at the left of the stream, -1 at its right."""
+    sites = _find_sites(roads, fits)
+    if not sites:
+        raise refuse_place(roads, "a left turn across two lanes of a direction")
+    one = choose_site(sites, values["site"])
+    model = "truck" if values["buses"] < 0.5 else "bus"
+    flank_m = left * (BODY_SIZES[model][1] / 2 + values["gap_m"])
+    standing = random.Random(f"{seed}/row").choices(HIGH, k=round(values["standing"]))
+    row = build_row(roads, one, flank_m, values["side_m"], (standing, ROW_GAP_M))
+    stream = RoadUserStream(
+        one.other.lanes,
+        one.other_m,
+        0.0,
+        model,
+        one.other.limit * values["share"],
+        values["due_s"] - values["before_s"],
+        values["every_s"],
+        1 + round((values["before_s"] + values["lasts_s"]) / values["every_s"]),
+        pause_s=0.0,
+        groups=1,
+    )
+    columns = [CavColumn(one.own.lanes, one.own_m, round(values["own"]), values["due_s"], values["headway_s"])]
+    egos = build_columns(roads, columns)
+    actors = (*row, *build_stream(roads, "stream", stream))
+    masts = _build_masts(roads, one, -left * MAST_ASIDE_M, values)
+    return FamilyScene(egos, (), actors, masts, one.own.control == "traffic-light")
+
+
+def _build_masts(roads: RoadMap, one: JunctionConflict, aside_m: float, values: Values) -> tuple[RoadsideUnit, ...]:
+    if values["mast"] < 0.5:
+        return ()
+    return (build_mast("rsu", compute_pose(roads, one.other.lanes, one.other_m, aside_m)),)
+
+
+def _choose_crossing(area: str, control: str, **more: str | bool) -> PlaceChoice:
+    parameters = {"area": area, "arms": 4, "control": control, "main_lanes": 2, "speed_kmh": 50, "turn_lanes": False}
+    return PlaceChoice("crossing", {**parameters, **more})
+
+
+_PARAMETERS = (
+    SITE,
+    name_number("own", 2.3, 4.4, "that have to cross the stream"),
+    FamilyParameter("due_s", 4.5, 6.0, "s", "time after which the first CAV is due at the conflict"),
+    FamilyParameter("headway_s", 1.0, 1.8, "s", "time headway of the CAVs"),
+    FamilyParameter("share", 0.95, 1.1, "", "speed of the stream as a share of the limit"),
+    FamilyParameter("gap_m", 0.3, 0.5, "m", "from the flanks of the lorries that stand to the stream"),
+    FamilyParameter("side_m", 1.3, 2.2, "m", "from the first lorry to the middle of the CAVs' way"),
+    FamilyParameter("standing", 4.0, 7.4, "", "number of lorries and buses that stand, rounded"),
+    FamilyParameter("before_s", 0.5, 3.0, "s", "from the first vehicle of the stream to the first CAV"),
+    FamilyParameter("lasts_s", 5.5, 8.0, "s", "from the first CAV to the last vehicle of the stream"),
+    FamilyParameter("every_s", 1.4, 2.0, "s", "time between two vehicles of the stream"),
+    FamilyParameter("buses", 0.0, 1.0, "", "whether the stream is of buses (from 0.5 on) or of lorries"),
+    MAST,
+)
+FAMILIES = (
+    ScenarioFamily(
+        "left-turn",
+        "CAVs turn left in front of lorries that wait to turn left; beside them vehicles come straight on.",
+        (
+            *(_choose_crossing(area, "signals", program="permitted") for area in ("town", "suburb", "commercial")),
+            _choose_crossing("town", "priority"),
+        ),
+        _PARAMETERS,
+        stage_left_turn,
+    ),
+    ScenarioFamily(
+        "minor-left-turn",
+        "CAVs turn left out of a minor street in front of lorries that stand in the first lane; others pass them.",
+        (
+            _choose_crossing("old_town", "priority", keeps_sight=False),
+            _choose_crossing("town", "priority"),
+            _choose_crossing("town", "stop"),
+        ),
+        _PARAMETERS,
+        stage_minor_left_turn,
+    ),
+)
