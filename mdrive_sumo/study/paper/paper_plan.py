@@ -44,7 +44,8 @@ class PaperPlan:
     logs: tuple[str, ...]
     """Those that agents see in open loop too (RQ3): of `LOG_BUCKET`, or all if the suite has none."""
     channel: tuple[str, ...]
-    """Those that are driven over worse channels too (RQ5): of `logs`, with two CAVs or more."""
+    """Those that are driven over worse channels too (RQ5): of `logs`, with two CAVs or more; as many as the paper has
+    if they are of `LOG_BUCKET`."""
 
 
 def make_plan(suite: Suite, scale: PaperScale) -> PaperPlan:
@@ -72,7 +73,7 @@ def make_plan(suite: Suite, scale: PaperScale) -> PaperPlan:
         scale,
         tuple(scenario.id for scenario in suite if scenario.id in closed),
         tuple(scenario.id for scenario in suite if scenario.id in seen),
-        tuple(scenario.id for scenario in choose_evenly(cooperative, CHANNEL_SCENARIOS)),
+        tuple(scenario.id for scenario in (choose_evenly(cooperative, CHANNEL_SCENARIOS) if logs else cooperative)),
     )
 
 

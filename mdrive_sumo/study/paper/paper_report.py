@@ -47,8 +47,9 @@ QUICK_WARNING = (
 )
 CHOICES: Mapping[PaperScale, str] = MappingProxyType(
     {
-        PaperScale.QUICK: "one of each InterDrive group and interactivity level, and two logs",
-        PaperScale.STANDARD: "a quarter of each category, and five or more of each InterDrive group and level",
+        PaperScale.QUICK: "one of each InterDrive group, interactivity level or other category, and two of V2XPnP",
+        PaperScale.STANDARD: "a quarter of each category, and five or more of each InterDrive group, interactivity"
+        " level or other category",
         PaperScale.WHOLE: "all of the suite",
     }
 )
@@ -92,6 +93,11 @@ def list_paper_warnings(numbers: PaperNumbers, request: PaperRequest) -> tuple[s
     """Return what a reader must know before the numbers."""
     void = sum(results.void for results in numbers.runs)
     warnings = [QUICK_WARNING] if numbers.plan.scale is PaperScale.QUICK else []
+    if not {*BUCKET_SIZES} & {*numbers.compared[0].results.buckets}:
+        warnings.append(
+            "These scenarios are of none of the paper's buckets: no published rows stand beside ours, and what the"
+            " sections say of its scenarios and of V2XPnP does not hold here."
+        )
     warnings += [f"Left out: {name}: {why}." for name, why in request.left_out.items()]
     warnings += [f"{void} episodes are void: a failure of the benchmark or of SUMO, not of an agent."] if void else []
     return tuple(warnings)
@@ -178,9 +184,11 @@ def _build_channel_sections(numbers: PaperNumbers) -> Sequence[ReportSection]:
         ("latency", "Latency of 6 ticks", section_texts.LATENCY, PUBLISHED_LATENCY),
         ("pose_error", "Pose error of 0.6 m and 0.6°", section_texts.POSE_ERROR, PUBLISHED_POSE_ERROR),
     )
+    has_logs = any(scenario.bucket == LOG_BUCKET for scenario in numbers.scenarios)
     sections: list[ReportSection] = []
     for (name, title, text, published), condition in zip(parts, perturbed, strict=True):
-        table = build_channel_table(name, title, numbers.channel, (clean, condition), published)
+        rows = published if has_logs else ()
+        table = build_channel_table(name, title, numbers.channel, (clean, condition), rows)
         sections.append(_make_section(text, (table,)))
     return sections
 

@@ -164,7 +164,9 @@ def build_channel_table(
         for agent in agents
         if (agent, perturbed.name) in by_key
     ]
-    return Table(name, title, _make_columns(), (*ours, *map(_build_published_row, published)), note=_describe(ours))
+    return Table(
+        name, title, _make_columns(), (*ours, *map(_build_published_row, published)), note=_describe(ours, published)
+    )
 
 
 def _make_columns() -> tuple[Column, ...]:
@@ -200,11 +202,12 @@ def _build_published_row(published: PublishedDegradation) -> Row:
     return make_row(cells, AS_PUBLISHED, is_ranked=False)
 
 
-def _describe(ours: Sequence[Row]) -> str:
+def _describe(ours: Sequence[Row], published: Sequence[PublishedDegradation]) -> str:
     if not ours:
         return "No agent of this study exchanges messages."
-    return (
+    note = (
         f"{METHOD_NOTE} Differences are paired by scenario and seed; an interval that contains 0 shows no"
-        f" effect. {TOO_FEW_NOTE} Published differences are those of the printed scores; the"
-        " paper prints some that deviate by 0.01."
+        f" effect. {TOO_FEW_NOTE}"
     )
+    rounded = "Published differences are those of the printed scores; the paper prints some that deviate by 0.01."
+    return f"{note} {rounded}" if published else note

@@ -69,6 +69,8 @@ def test_a_standard_study_has_a_quarter_of_each_category_and_the_same_worse_chan
 def test_a_suite_without_logs_is_compared_as_a_whole(mdrive: Suite) -> None:
     plan = make_plan(load_suite("interdrive@0"), PaperScale.QUICK)
     assert plan.logs == plan.closed and len(plan.closed) == 3
+    plan = make_plan(load_suite("hard@0"), PaperScale.STANDARD)
+    assert plan.logs == plan.closed == plan.channel and len(plan.closed) > 21, "the paper's 21 are of V2XPnP"
 
 
 def test_scenarios_with_one_cav_have_no_channel(mdrive: Suite) -> None:

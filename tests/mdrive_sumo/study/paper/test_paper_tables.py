@@ -1,5 +1,7 @@
 """Tables of the study from results made by hand."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from testing.human_study import make_plan
@@ -141,16 +143,15 @@ def test_few_scenarios_show_nothing() -> None:
     assert not any(cell.interval and cell.interval.ends for cell in cells)
 
 
-def make_numbers(scale: PaperScale) -> PaperNumbers:
-    """Two agents with one scenario in each of the paper's buckets, and nothing in open loop."""
+def make_numbers(scale: PaperScale, suite: str = "interdrive@0", buckets: Sequence[str] = BUCKETS) -> PaperNumbers:
+    """Two agents with one scenario in each bucket, and nothing in open loop."""
     driven = {
-        agent: make_run(*(make_scenario(bucket, ds, bucket=bucket) for bucket in BUCKETS), agent=agent)
+        agent: make_run(*(make_scenario(bucket, ds, bucket=bucket) for bucket in buckets), agent=agent)
         for agent, ds in (("idm", 50.0), ("single", 60.0))
     }
-    suite = load_suite("interdrive@0")
     return PaperNumbers(
         plan=PaperPlan(scale, ("s",), ("s",), ("s",)),
-        scenarios=suite.scenarios,
+        scenarios=load_suite(suite).scenarios,
         closed=driven,
         open={},
         channel=(),
@@ -174,6 +175,16 @@ def test_published_rows_stand_beside_ours_but_in_a_quick_study(scale: PaperScale
     assert gains.tables == () and "sharing and single" in gains.note
     for section in report.sections[:-1]:
         assert {"Counterpart of", "Comparable to CARLA", "Not comparable"} <= {*section.points}, section.title
+
+
+def test_no_published_rows_stand_beside_other_scenarios() -> None:
+    """The study on `hard`: no row of the paper, in whatever table, and a warning before the numbers."""
+    report = build_paper_report(make_numbers(PaperScale.WHOLE, "hard@0", ("Hard",)), PaperRequest(("mdrive-sumo",), {}))
+    assert not [table.name for table in report.tables if AS_PUBLISHED in dict(table.sections)]
+    assert any("none of the paper's buckets" in warning for warning in report.warnings)
+    logs = build_paper_report(make_numbers(PaperScale.WHOLE, "v2xpnp@0"), PaperRequest(("mdrive-sumo",), {}))
+    assert sum(AS_PUBLISHED in dict(table.sections) for table in logs.tables) == 3
+    assert not logs.warnings
 
 
 def test_the_row_of_persons_is_marked_until_somebody_has_driven() -> None:
