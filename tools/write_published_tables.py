@@ -10,6 +10,7 @@ become the file of that name; of `study twins`, the scores that are compared. A 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import click
 
@@ -166,16 +167,20 @@ def _format_table(table: str, values: Values) -> str:
     return _format_twins(values) if is_paired else TABLES[table](values[WHOLE])
 
 
-def fill_page(text: str, root: Path, page: str) -> str:
-    """Return a page with its marked tables written anew. Raises InputError for an unknown table and for a bad file."""
+def fill_page(text: str, root: Path, page: str, fresh: Mapping[str, Values] = MappingProxyType({})) -> str:
+    """Return a page with its marked tables written anew. Raises InputError for an unknown table and for a bad file.
+
+    fresh: values that are not in their files yet.
+    """
 
     def fill(match: re.Match[str]) -> str:
         begin, name, table, end = match.groups()
         if table not in (*TABLES, TWINS):
             raise InputError(f"{page}: table: expected one of {', '.join((*TABLES, TWINS))}, found {table}")
-        if not (root / VALUES / f"{name}.parquet").is_file() and any(words in match[0] for words in WITHOUT_FILE):
+        path = root / VALUES / f"{name}.parquet"
+        if name not in fresh and not path.is_file() and any(words in match[0] for words in WITHOUT_FILE):
             return match[0]
-        return f"{begin}\n{_format_table(table, read_values(root / VALUES / f'{name}.parquet'))}\n\n{end}"
+        return f"{begin}\n{_format_table(table, fresh[name] if name in fresh else read_values(path))}\n\n{end}"
 
     return MARK.sub(fill, text)
 
@@ -210,14 +215,17 @@ def main(runs: tuple[Path, ...], values: str, dry_run: bool) -> None:
     """Write marked tables of the documentation anew from docs/results/values."""
     if bool(values) != bool(runs):
         raise InputError("expected --values NAME with runs, found one without the other")
-    if values and not dry_run:
-        write_values(ROOT / VALUES / f"{values}.parquet", load_values(runs))
-    for page in find_pages(ROOT):
-        text = read_text(ROOT / page)
-        if (filled := fill_page(text, ROOT, str(page))) != text:
-            if not dry_run:
-                write_text(ROOT / page, filled)
-            echo(f"{'would change' if dry_run else 'changed'}: {page}")
+    fresh = {values: load_values(runs)} if values else {}
+    pages = {page: read_text(ROOT / page) for page in find_pages(ROOT)}
+    filled = {
+        page: fill_page(text, ROOT, str(page), fresh) for page, text in pages.items()
+    }  # all, or nothing is written
+    for name, found in ({} if dry_run else fresh).items():
+        write_values(ROOT / VALUES / f"{name}.parquet", found)
+    for page in (page for page, text in pages.items() if filled[page] != text):
+        if not dry_run:
+            write_text(ROOT / page, filled[page])
+        echo(f"{'would change' if dry_run else 'changed'}: {page}")
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ from mdrive_sumo.runs.run_paths import (
 )
 from mdrive_sumo.runs.take_actions import check_takes, complete_replay
 from mdrive_sumo.scenario.checks import check_scenario
-from mdrive_sumo.scenario.reference_times import find_reference_times
+from mdrive_sumo.scenario.reference_times import describe_stored_times, find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult, ScoreMode, apply_reference_times, check_reference
@@ -192,7 +192,9 @@ def prepare_with_suite(config: RunConfig, suite: Suite, *, is_take: bool = False
     scenarios = suite.select(config.scenario)
     if config.score_mode is ScoreMode.HARD:
         for scenario in scenarios:
-            check_reference(scenario.id, find_reference_times(scenario, suite.find_folder(scenario.id)))
+            home = suite.find_folder(scenario.id)
+            if not (reference := find_reference_times(scenario, home)):
+                check_reference(scenario.id, reference, describe_stored_times(scenario, home))
     folder = config.find_folder(suite.name)
     if config.sandbox and config.scheduler:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")

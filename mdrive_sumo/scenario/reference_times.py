@@ -82,6 +82,17 @@ def find_noted_ticks(scenario: Scenario, folder: Path) -> ReferenceTicks:
     return NO_REFERENCE if entry is None else entry.ticks
 
 
+def describe_stored_times(scenario: Scenario, folder: Path) -> str:
+    """Return in words what the file has for a scenario whose reference is not there. Raises InputError."""
+    entry = _find_entry(scenario, folder)
+    if entry is None:
+        return "none"
+    if entry.checksum != compute_scenario_checksum(scenario, folder):
+        return "those of another version of the scenario"
+    late = next(ego.id for ego in scenario.egos if ego.id not in entry.ticks)
+    return f"none of CAV {late}, which did not arrive"
+
+
 def _find_entry(scenario: Scenario, folder: Path) -> ScenarioReferenceTimes | None:
     path = folder / REFERENCE_TIMES_FILE
     if not path.is_file():

@@ -216,7 +216,8 @@ def describe_first_error(error: ValidationError) -> str:
         if problem["type"] in ("missing", "json_invalid", "value_error")
         else f", found {shorten_value(problem['input'])}"
     )
-    reason = problem["msg"].removeprefix("Value error, ")  # pydantic's prefix of messages raised by validators
+    # In front of the words of validators, and of pydantic's own.
+    reason = problem["msg"].removeprefix("Value error, ").replace("Input should be ", "expected ", 1)
     return f"{where}: {reason}{given}{more}"
 
 

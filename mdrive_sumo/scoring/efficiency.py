@@ -54,12 +54,16 @@ def compute_time_factor(ego: EgoResult, reference: int, limit: int) -> float:
     return min(1.0, reference / max(ego.ticks if is_clean and ego.ticks else limit, 1))
 
 
-def check_reference(scenario: str, reference: ReferenceTicks) -> None:
-    """Raise InputError if a scenario has no reference times: mode `hard` cannot score it."""
+def check_reference(scenario: str, reference: ReferenceTicks, found: str = "none") -> None:
+    """Raise InputError if a scenario has no reference times: mode `hard` cannot score it.
+
+    found: what the file has instead (`describe_stored_times`).
+    """
     if not reference:
         raise InputError(
-            f"scenario {scenario}: score mode hard: expected times of omniscient in {REFERENCE_TIMES_FILE}, found none"
-            " for every CAV; `mdrive-sumo validate SUITE --write` measures them, --score-mode mdrive needs none"
+            f"scenario {scenario}: score mode hard: expected times of omniscient for every CAV in"
+            f" {REFERENCE_TIMES_FILE}, found {found}; `mdrive-sumo validate SUITE --write` measures them, --score-mode"
+            " mdrive needs none"
         )
 
 

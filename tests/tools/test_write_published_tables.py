@@ -218,6 +218,15 @@ def test_files_that_cannot_be_used_are_named(root: Path) -> None:
     assert write().startswith("2 ") and "cannot be read" in write()
 
 
+def test_runs_of_which_no_table_can_be_made_change_no_file(root: Path) -> None:
+    for season in (1, 2):
+        (root / "runs" / str(season)).mkdir(parents=True)
+        results = drive("single", 70.0, suite=f"mdrive@{season}")
+        save_results(results, root / "runs" / str(season) / "results.json")
+    assert "expected runs of one suite and season" in write("--values", "gain", root / "runs")
+    assert not (root / write_published_tables.VALUES).exists() and "old" in (root / "docs" / "page.md").read_text()
+
+
 def test_bad_arguments_are_one_sentence(root: Path) -> None:
     assert "found one without the other" in write("--values", "gain")
     assert "found no results.json below" in write("--values", "gain", root / "docs")

@@ -17,7 +17,12 @@ from mdrive_sumo.generate.validation.rule_coverage import find_missing_rules
 from mdrive_sumo.generate.validation.scenario_validation import ScenarioValidation
 from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, compute_deviations
 from mdrive_sumo.scenario.packaged_suites import name_packaged_suite
-from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE, find_reference_times, list_unmeasured
+from mdrive_sumo.scenario.reference_times import (
+    REFERENCE_TIMES_FILE,
+    describe_stored_times,
+    find_reference_times,
+    list_unmeasured,
+)
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.scenario.suite import RECIPE_FILE, Suite
@@ -166,10 +171,11 @@ def _check_reference_times(suite: Suite, examined: Sequence[ScenarioValidation])
         if is_packaged(suite):
             yield f"expected {REFERENCE_TIMES_FILE}, as in every packaged suite, found none; {remedy}"
         return
-    if missing := list_unmeasured(suite):
-        yield f"{REFERENCE_TIMES_FILE}: expected every scenario as it is, found no times of {missing[0]}; {remedy}"
-    measured = {one.scenario: one.reference for one in examined if one.reference and one.scenario not in missing}
     by_id = {scenario.id: scenario for scenario in suite.scenarios}
+    if missing := list_unmeasured(suite):
+        found = describe_stored_times(by_id[missing[0]], suite.folder)
+        yield f"{REFERENCE_TIMES_FILE}: {missing[0]}: expected times of the scenario as it is, found {found}; {remedy}"
+    measured = {one.scenario: one.reference for one in examined if one.reference and one.scenario not in missing}
     for name, ticks in measured.items():
         if (kept := find_reference_times(by_id[name], suite.folder)) and kept != ticks:
             yield f"{REFERENCE_TIMES_FILE}: expected what was just found, found otherwise for {name}; {remedy}"

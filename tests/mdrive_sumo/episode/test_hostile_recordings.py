@@ -116,7 +116,7 @@ DAMAGE: dict[str, tuple[Callable[[Members], Members], str]] = {
     "too many CAVs": (with_header(egos=3), "ids and egos do not fit together"),
     "CAVs below zero": (with_header(egos=-1), "ids and egos do not fit together"),
     "a name twice": (with_header(ids=["0", "0"]), "ids and egos do not fit together"),
-    "a number for a name": (with_header(ids=[0, 1]), "header: ids.0: Input should be a valid string"),
+    "a number for a name": (with_header(ids=[0, 1]), "header: ids.0: expected a valid string"),
     "an unknown ending": (with_header(endings=[{"ego": "0", "tick": 1, "end": "?"}]), "header: endings.0.end: "),
     "an ending of a stranger": (
         with_header(

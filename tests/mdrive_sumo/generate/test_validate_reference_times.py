@@ -5,9 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import ScenarioValidation, find_suite_problems
-from mdrive_sumo.scenario.reference_times import save_reference_times
+from mdrive_sumo.runs.prepared_run import prepare
+from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.scenario.reference_times import describe_stored_times, save_reference_times
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
+from mdrive_sumo.scoring import ScoreMode
 
 
 @pytest.fixture
@@ -26,9 +30,12 @@ def test_reference_times_of_another_state_of_a_scenario_are_told(small: Suite) -
     changed = small.scenarios[0].model_copy(update={"weather": "rain"})
     save_suite(replace(small, scenarios=(changed, small.scenarios[1])))
     (problem,) = find_suite_problems(load_suite(str(small.folder)), ())
-    assert problem.startswith(
-        f"small: reference_times.json: expected every scenario as it is, found no times of {changed.id}"
-    )
+    found = "those of another version of the scenario"
+    expected = f"{changed.id}: expected times of the scenario as it is, found {found}"
+    assert problem.startswith(f"small: reference_times.json: {expected}")
+    config = RunConfig(suite=str(small.folder), chosen_mode=ScoreMode.HARD)
+    with pytest.raises(InputError, match=f"mode hard: expected times of omniscient .*, found {found}; "):
+        prepare(config)
 
 
 def test_reference_times_that_are_no_longer_found_are_told_and_missing_arrivals_are_not(small: Suite) -> None:
@@ -40,3 +47,4 @@ def test_reference_times_that_are_no_longer_found_are_told_and_missing_arrivals_
     assert f"expected what was just found, found otherwise for {first.id}" in problem
     save_reference_times(small, {first.id: {}})
     assert find_suite_problems(small, ()) == ()
+    assert describe_stored_times(first, small.folder) == f"none of CAV {first.egos[0].id}, which did not arrive"

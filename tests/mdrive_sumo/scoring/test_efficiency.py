@@ -80,7 +80,7 @@ def test_haste_never_buys_back_an_infraction_or_a_route_not_completed(
 
 
 def test_mode_hard_refuses_a_scenario_without_reference_times() -> None:
-    with pytest.raises(InputError, match=r"scenario a: score mode hard: expected times of omniscient in reference_t"):
+    with pytest.raises(InputError, match=r"scenario a: score mode hard: expected times of omniscient for every CAV in"):
         apply_reference_times(driven(cav("0", 50)), {}, ScoreMode.HARD, LIMITS)
     with pytest.raises(InputError, match="score mode hard"):
         score_episode(pair_episode(), PAIR, ROADS, ScoreMode.HARD, 1)

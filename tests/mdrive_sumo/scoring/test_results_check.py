@@ -63,8 +63,8 @@ def test_a_figure_changed_alone_is_found(place: tuple[str | int, ...], step: int
 BAD = {
     "too large": (("scenarios", 0, "ds"), 1e6, f"scenarios[{ONE}].ds: expected 0 to 100, found 1000000.0"),
     "negative": (("scenarios", 0, "ds"), -5.0, f"scenarios[{ONE}].ds: expected 0 to 100, found -5.0"),
-    "not a number": (("scenarios", 0, "ds"), float("nan"), "scenarios.0.ds: Input should be a finite number"),
-    "infinite": (("overall", "scenario_mean", "ds"), float("inf"), "Input should be a finite number"),
+    "not a number": (("scenarios", 0, "ds"), float("nan"), "scenarios.0.ds: expected a finite number"),
+    "infinite": (("overall", "scenario_mean", "ds"), float("inf"), "expected a finite number"),
     "same id": (("scenarios", 1, "id"), ONE, f"scenarios: expected every id once, found '{ONE}' 2 times"),
     "no scenario": (("scenarios",), [], "scenarios: expected at least one, found none"),
     "another seed": (("scenarios", 0, "seed"), 7, f"scenarios[{ONE}].seed: expected the run's 1, found 7"),

@@ -133,7 +133,7 @@ def test_a_suite_of_parts_has_the_certificates_of_each_that_did_not_change(tmp_p
 
 def test_a_broken_file_gets_one_sentence(tmp_path: Path) -> None:
     (tmp_path / occlusion_certificate.CERTIFICATE_FILE).write_text('{"format": "other"}')
-    with pytest.raises(InputError, match=r"occlusion.json: format: Input should be"):
+    with pytest.raises(InputError, match=r"occlusion.json: format: expected"):
         read_certificates(tmp_path)
 
 

@@ -226,7 +226,7 @@ def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert (one.holds, one.proves, one.lead_s) == (True, Proof.CONFLICT, one.conflicts[0].lead_s)
     assert file.of(load_suite("interdrive@0")) == {}
     (tmp_path / NEED_FILE).write_text('{"format": "other"}')
-    with pytest.raises(InputError, match=r"need.json: format: Input should be"):
+    with pytest.raises(InputError, match=r"need.json: format: expected"):
         read_need(tmp_path)
 
 
