@@ -146,7 +146,7 @@ def list_log_figures(drivers: MeasuredDrivers) -> Iterator[SuiteFigure]:
         yield SuiteFigure(f"{agent}, {what}", "interval without 0 for one of the two", effect, is_met, is_change=True)
 
 
-def format_figures(figures: Sequence[SuiteFigure]) -> str:
+def format_figures(figures: Sequence[SuiteFigure]) -> tuple[str, str]:
     """Return a table of figures in Markdown, and how many of its differences chance explains."""
     columns = make_text_columns({"figure": "DS", "aim": "aim", "found": "measured", "met": "met"})
     rows = [
@@ -162,8 +162,8 @@ def format_figures(figures: Sequence[SuiteFigure]) -> str:
         )
         for one in figures
     ]
-    counted = describe_comparisons([one.interval for one in figures if one.is_change])
-    return "\n\n".join(filter(None, (format_markdown(Table("figures", "", columns, tuple(rows))), counted)))
+    table = format_markdown(Table("figures", "", columns, tuple(rows)))
+    return table, describe_comparisons([one.interval for one in figures if one.is_change])
 
 
 def format_drivers(drivers: MeasuredDrivers) -> str:

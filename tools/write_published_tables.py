@@ -18,7 +18,10 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.statistics import Verdict, describe_comparisons
-from mdrive_sumo.core.tables import format_markdown
+from mdrive_sumo.core.tables import (
+    format_markdown,
+    join_paragraphs,
+)
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.scoring import Results, load_results, summarize_run
@@ -27,6 +30,7 @@ from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary, summari
 from mdrive_sumo.study.gain_files import build_gain_table, build_score_table, judge_gains
 from mdrive_sumo.study.seasons import SeasonRow, summarise_seasons
 from mdrive_sumo.study.seasons_files import build_seasons_table
+from mdrive_sumo.study.study_files import count_by_chance
 from mdrive_sumo.study.twin_scenarios import TwinFactor
 from mdrive_sumo.study.twins import ORIGINAL, TwinLine, TwinRow, TwinSummary, compare_pairs, pair_twins
 from mdrive_sumo.study.twins_files import build_twins_table
@@ -47,6 +51,8 @@ MARK = re.compile(r"(<!-- values:([\w-]+):([\w-]+):begin -->\n).*?(<!-- values:\
 WITHOUT_FILE = "The values of these runs were not kept", "No runs are published yet"
 """What a marked table says that has no file."""
 Runs = Sequence[Results]
+Paragraphs = Sequence[str]
+"""Of a marked table: what was measured, the table, what it carries; empty ones are left out."""
 
 
 def _group_runs(runs: Runs, name: Callable[[Results], str]) -> Mapping[tuple[str, str], tuple[Results, ...]]:
@@ -68,14 +74,14 @@ def _summarise_gain(runs: Runs) -> GainSummary:
     return summarise_gain([GainRow(SensingProfile(key[1]), key[0], found) for key, found in groups.items()])
 
 
-def _format_seasons(runs: Runs, metric: str) -> str:
+def _list_seasons(runs: Runs, metric: str) -> Paragraphs:
     groups = _group_runs(runs, lambda results: results.run.season)
     summary = summarise_seasons([SeasonRow(*key, found) for key, found in groups.items()])
     counted = describe_comparisons([line.fresh_loss for line in summary.lines[metric]])
-    return "\n\n".join(filter(None, (format_markdown(build_seasons_table(summary, metric)), counted)))
+    return format_markdown(build_seasons_table(summary, metric)), counted
 
 
-def _format_gain(runs: Runs) -> str:
+def _list_gain(runs: Runs) -> Paragraphs:
     summary = _summarise_gain(runs)
     verdicts = judge_gains(summary)
     shown = [
@@ -84,11 +90,9 @@ def _format_gain(runs: Runs) -> str:
         for line, verdict in zip(summary.gains, verdicts[metric], strict=True)
         if verdict in (Verdict.GAIN, Verdict.LOSS)
     ]
-    counted = describe_comparisons([line.gain[metric] for line in summary.gains for metric in METRICS])
     claims = f"Shown after correction, for DS and SR apart, and nothing beyond: {', '.join(shown) or 'nothing'}."
-    return "\n\n".join(
-        filter(None, (_describe_runs(runs), format_markdown(build_gain_table(summary)), counted, claims))
-    )
+    counted = count_by_chance(line.gain for line in summary.gains)
+    return _describe_runs(runs), format_markdown(build_gain_table(summary)), counted, claims
 
 
 def _describe_runs(runs: Runs) -> str:
@@ -106,18 +110,18 @@ def _describe_runs(runs: Runs) -> str:
     )
 
 
-def _format_aims(runs: Runs, list_figures: Callable[[MeasuredDrivers], Iterable[SuiteFigure]]) -> str:
-    return f"{_describe_runs(runs)}\n\n{format_figures([*list_figures(MeasuredDrivers(runs))])}"
+def _list_aims(runs: Runs, list_figures: Callable[[MeasuredDrivers], Iterable[SuiteFigure]]) -> Paragraphs:
+    return _describe_runs(runs), *format_figures([*list_figures(MeasuredDrivers(runs))])
 
 
-TABLES: Mapping[str, Callable[[Runs], str]] = {
-    "gain": _format_gain,
-    "gain-scores": lambda runs: format_markdown(build_score_table(_summarise_gain(runs))),
-    "seasons-ds": lambda runs: _format_seasons(runs, "ds"),
-    "seasons-sr": lambda runs: _format_seasons(runs, "sr"),
-    "hard-aims": lambda runs: _format_aims(runs, list_hard_figures),
-    "v2xpnp-aims": lambda runs: _format_aims(runs, list_log_figures),
-    "drivers": lambda runs: format_drivers(MeasuredDrivers(runs)),
+TABLES: Mapping[str, Callable[[Runs], Paragraphs]] = {
+    "gain": _list_gain,
+    "gain-scores": lambda runs: (format_markdown(build_score_table(_summarise_gain(runs))),),
+    "seasons-ds": lambda runs: _list_seasons(runs, "ds"),
+    "seasons-sr": lambda runs: _list_seasons(runs, "sr"),
+    "hard-aims": lambda runs: _list_aims(runs, list_hard_figures),
+    "v2xpnp-aims": lambda runs: _list_aims(runs, list_log_figures),
+    "drivers": lambda runs: (format_drivers(MeasuredDrivers(runs)),),
 }
 """What a page can show of a file: tables of `study gain`, of `study seasons`, and of the aims of suites."""
 TWINS = "twins"
@@ -144,7 +148,7 @@ def _name_originals(factor: TwinFactor) -> str:
     return f"{factor}, {ORIGINAL}"
 
 
-def _format_twins(values: Values) -> str:
+def _list_twins(values: Values) -> Paragraphs:
     lines: list[TwinLine] = []
     for factor in (one for one in TwinFactor if one in values):
         originals = {results.run.agent: results for results in values[_name_originals(factor)]}
@@ -153,9 +157,8 @@ def _format_twins(values: Values) -> str:
             pairs = zip(originals[agent].scenarios, twin.scenarios, strict=True)
             lines.append(compare_pairs(agent, factor, [*pairs]))
     summary = TwinSummary(tuple(sorted(lines, key=lambda line: line.agent)), gaps=(), void=0)
-    counted = describe_comparisons([line.change[metric] for line in lines for metric in METRICS])
     described = _describe_runs(values[_name_originals(lines[0].factor)])
-    return "\n\n".join(filter(None, (described, format_markdown(build_twins_table(summary)), counted)))
+    return described, format_markdown(build_twins_table(summary)), count_by_chance(line.change for line in lines)
 
 
 def _format_table(table: str, values: Values) -> str:
@@ -164,7 +167,7 @@ def _format_table(table: str, values: Values) -> str:
     if is_paired != (table == TWINS):
         kinds = "of a study of twins", "of other runs"
         raise InputError(f"table {table}: expected values {kinds[is_paired]}, found values {kinds[not is_paired]}")
-    return _format_twins(values) if is_paired else TABLES[table](values[WHOLE])
+    return join_paragraphs(_list_twins(values) if is_paired else TABLES[table](values[WHOLE]))
 
 
 def fill_page(text: str, root: Path, page: str, fresh: Mapping[str, Values] = MappingProxyType({})) -> str:
@@ -180,7 +183,7 @@ def fill_page(text: str, root: Path, page: str, fresh: Mapping[str, Values] = Ma
         path = root / VALUES / f"{name}.parquet"
         if name not in fresh and not path.is_file() and any(words in match[0] for words in WITHOUT_FILE):
             return match[0]
-        return f"{begin}\n{_format_table(table, fresh[name] if name in fresh else read_values(path))}\n\n{end}"
+        return f"{begin}\n{_format_table(table, fresh[name] if name in fresh else read_values(path))}\n{end}"
 
     return MARK.sub(fill, text)
 
@@ -217,9 +220,7 @@ def main(runs: tuple[Path, ...], values: str, dry_run: bool) -> None:
         raise InputError("expected --values NAME with runs, found one without the other")
     fresh = {values: load_values(runs)} if values else {}
     pages = {page: read_text(ROOT / page) for page in find_pages(ROOT)}
-    filled = {
-        page: fill_page(text, ROOT, str(page), fresh) for page, text in pages.items()
-    }  # all, or nothing is written
+    filled = {page: fill_page(text, ROOT, str(page), fresh) for page, text in pages.items()}
     for name, found in ({} if dry_run else fresh).items():
         write_values(ROOT / VALUES / f"{name}.parquet", found)
     for page in (page for page, text in pages.items() if filled[page] != text):

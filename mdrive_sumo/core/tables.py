@@ -301,6 +301,11 @@ def format_markdown(table: Table) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in (head, rule, *body))
 
 
+def join_paragraphs(parts: Iterable[str]) -> str:
+    """Return a page of Markdown of its paragraphs and tables, without empty ones."""
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
 def _format_marked(cell: Cell, column: Column) -> str:
     text = format_cell(cell, column)
     return {1: f"**{text}**", 2: f"{text} (2)", 3: f"{text} (3)"}.get(cell.rank, text)

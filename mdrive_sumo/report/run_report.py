@@ -9,7 +9,15 @@ from pathlib import Path
 from mdrive_sumo.core.clean_text import clean_for_markdown, format_markdown_code, truncate
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE
-from mdrive_sumo.core.tables import Cell, Column, Table, format_markdown, make_row, make_text_columns
+from mdrive_sumo.core.tables import (
+    Cell,
+    Column,
+    Table,
+    format_markdown,
+    join_paragraphs,
+    make_row,
+    make_text_columns,
+)
 from mdrive_sumo.core.tree_difference import ABSENT
 from mdrive_sumo.report.result_tables import (
     CAPTURED_COLUMN,
@@ -98,7 +106,7 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         "## Look closer",
         _commands(),
     )
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return join_paragraphs(parts)
 
 
 def save_run_report(folder: Path, results: Results, captured: CapturedCooperation | None = None) -> None:

@@ -1,17 +1,27 @@
 """The study of the gain as files: `gain.json` with all numbers, `gain.csv` for tables, `gain.md` to read."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, Verdict, describe_comparisons, judge_intervals
-from mdrive_sumo.core.tables import Table, format_csv, format_markdown, make_row, make_text_columns, make_text_table
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, Verdict
+from mdrive_sumo.core.tables import (
+    Table,
+    format_csv,
+    format_markdown,
+    join_paragraphs,
+    make_row,
+    make_text_columns,
+    make_text_table,
+)
 from mdrive_sumo.scenario.season import read_stored_name
 from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary
 from mdrive_sumo.study.study_files import (
     StudyDescription,
+    count_by_chance,
     describe_study,
+    dump_page,
     format_csv_interval,
+    judge_by_metric,
     list_study_facts,
     make_interval_cell,
     make_interval_column,
@@ -45,16 +55,16 @@ def gain_json(about: StudyDescription, rows: Sequence[GainRow], summary: GainSum
             for row in rows
         ],
     }
-    return json.dumps(page, indent=1, allow_nan=False) + "\n"
+    return dump_page(page)
 
 
 def gain_csv(summary: GainSummary) -> str:
     """Return one line for each group, part and metric."""
     shown = judge_gains(summary)
     rows = (
-        (line.group, str(line.scenarios), line.part.name, metric, *format_csv_interval(gain), shown[metric][i])
+        (line.group, str(line.scenarios), line.part.name, metric, *format_csv_interval(line.gain[metric]), verdicts[i])
         for i, line in enumerate(summary.gains)
-        for metric, gain in ((name, line.gain[name]) for name in METRICS)
+        for metric, verdicts in shown.items()
     )
     return format_csv(make_text_table(("group", "scenarios", "part", "metric", "mean", "low", "high", "shown"), rows))
 
@@ -67,16 +77,16 @@ def gain_markdown(about: StudyDescription, rows: Sequence[GainRow], summary: Gai
         HOW_TO_READ,
         "\n".join(f"- **{part.name}**: {part.meaning}" for part in PARTS),
         format_markdown(build_gain_table(summary)),
-        describe_comparisons([line.gain[metric] for line in summary.gains for metric in METRICS]),
+        count_by_chance(line.gain for line in summary.gains),
         "The scores behind it:",
         format_markdown(build_score_table(summary)),
     )
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return join_paragraphs(parts)
 
 
 def judge_gains(summary: GainSummary) -> dict[str, tuple[Verdict, ...]]:
     """Return what the gains show by metric, in the order of the lines, corrected for their number."""
-    return {metric: judge_intervals([line.gain[metric] for line in summary.gains]) for metric in METRICS}
+    return judge_by_metric([line.gain for line in summary.gains])
 
 
 def build_gain_table(summary: GainSummary) -> Table:

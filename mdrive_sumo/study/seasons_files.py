@@ -1,6 +1,5 @@
 """The study of seasons as files: `seasons.json` with all numbers, `seasons.csv` for tables, `seasons.md` to read."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 
@@ -11,6 +10,7 @@ from mdrive_sumo.study.seasons import OLD, SeasonRow, SeasonSummary
 from mdrive_sumo.study.study_files import (
     StudyDescription,
     describe_study,
+    dump_page,
     format_facts,
     make_interval_cell,
     make_interval_column,
@@ -37,7 +37,7 @@ def seasons_json(about: StudyDescription, rows: Sequence[SeasonRow], summary: Se
         ],
     }
     del page["suite_checksum"]
-    return json.dumps(page, indent=1, allow_nan=False) + "\n"
+    return dump_page(page)
 
 
 def seasons_csv(summary: SeasonSummary) -> str:

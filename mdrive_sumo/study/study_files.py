@@ -2,12 +2,19 @@
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, ConfidenceInterval, describe_comparisons
+from mdrive_sumo.core.statistics import (
+    METHOD_NOTE,
+    TOO_FEW_NOTE,
+    ConfidenceInterval,
+    Verdict,
+    describe_comparisons,
+    judge_intervals,
+)
 from mdrive_sumo.core.tables import (
     Cell,
     CellValue,
@@ -15,6 +22,7 @@ from mdrive_sumo.core.tables import (
     IntervalStyle,
     Table,
     format_markdown,
+    join_paragraphs,
     make_row,
     make_text_columns,
 )
@@ -66,7 +74,22 @@ def study_json(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
         "versions": run.versions,
         "lines": [_line_to_dict(line) for line in lines],
     }
+    return dump_page(page)
+
+
+def dump_page(page: Mapping[str, Any]) -> str:
+    """Return the numbers of a study as the text of a JSON file."""
     return json.dumps(page, indent=1, allow_nan=False) + "\n"
+
+
+def judge_by_metric(lines: Sequence[Mapping[str, ConfidenceInterval]]) -> dict[str, tuple[Verdict, ...]]:
+    """Return what differences show by metric, in the order of the lines, corrected for their number by metric."""
+    return {metric: judge_intervals([line[metric] for line in lines]) for metric in lines[0]}
+
+
+def count_by_chance(lines: Iterable[Mapping[str, ConfidenceInterval]]) -> str:
+    """Return how many of the differences of a table exclude 0 in any metric, and how many chance gives."""
+    return describe_comparisons([interval for line in lines for interval in line.values()])
 
 
 def _line_to_dict(line: StudyLine) -> dict[str, Any]:
@@ -148,7 +171,7 @@ def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures
         describe_comparisons([one for line in lines for one in (line.ds_difference, line.sr_difference)]),
         *(f"![{picture.stem}]({picture.name})" for picture in pictures),
     )
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return join_paragraphs(parts)
 
 
 def _format_facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:

@@ -42,7 +42,7 @@ class TwinFactor(StrEnum):
     BACKGROUND = "background"
     """Traffic of SUMO is gone but for occluders and road users of certified or occluded conflicts."""
     WEATHER = "weather"
-    """A clear day instead of rain, fog or night."""
+    """A clear day instead of rain or night."""
     STRANGER = "stranger"
     """One CAV, drawn by the seed, is driven by another agent."""
 
@@ -187,7 +187,7 @@ def _remove_background(scenario: Scenario, roads: RoadMap, conflicts: HiddenConf
 
 def _clear_weather(scenario: Scenario, roads: RoadMap, conflicts: HiddenConflicts) -> Twin:  # noqa: ARG001
     if replace(WEATHERS[scenario.weather], name=CLEAR.name) == CLEAR:
-        raise _refuse(scenario, TwinFactor.WEATHER, "rain, fog or night", scenario.weather)
+        raise _refuse(scenario, TwinFactor.WEATHER, "rain or night", scenario.weather)
     changed = scenario.model_copy(update={"weather": CLEAR.name})
     return Twin(TwinFactor.WEATHER, changed, roads, (f"{CLEAR.name} instead of {scenario.weather}",))
 

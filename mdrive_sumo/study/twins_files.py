@@ -1,16 +1,16 @@
 """The study of twins as files: `twins.json`, `twins.csv`, `twins-episodes.csv` and `twins.md`."""
 
-import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, Verdict, describe_comparisons, judge_intervals
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, Verdict
 from mdrive_sumo.core.tables import (
     Column,
     Table,
     format_csv,
     format_markdown,
+    join_paragraphs,
     make_row,
     make_text_columns,
     make_text_table,
@@ -18,8 +18,11 @@ from mdrive_sumo.core.tables import (
 from mdrive_sumo.scenario.season import read_stored_name
 from mdrive_sumo.study.study_files import (
     StudyDescription,
+    count_by_chance,
     describe_study,
+    dump_page,
     format_csv_interval,
+    judge_by_metric,
     list_study_facts,
     make_interval_cell,
     make_interval_column,
@@ -34,30 +37,28 @@ MEANING = {
     TwinFactor.CONNECTION: "no station sends: neither CAVs nor road-side units",
     TwinFactor.BACKGROUND: "the traffic of SUMO is gone, but for occluders and road users of certified or occluded"
     " conflicts",
-    TwinFactor.WEATHER: "a clear day instead of rain, fog or night",
+    TwinFactor.WEATHER: "a clear day instead of rain or night",
     TwinFactor.STRANGER: "one CAV, drawn by the seed, is driven by another agent; scores are those of the other CAVs",
 }
 HOW_TO_READ = f"""\
 A twin is a scenario in which exactly one factor is changed. DS and SR [%] are means over the scenarios that have this
 twin and are void in neither. A change is twin - original, paired by scenario and seed. An interval without 0 shows an
 effect: above 0 (gain) the agent does better in the twin, below 0 (loss) worse. {METHOD_NOTE} What is shown is corrected
-for the number of rows of the table (Holm 1979). Reference times and time limits are those of the original.
-{TOO_FEW_NOTE}"""
+for the number of rows of the table (Holm 1979), for DS and SR apart. Reference times and time limits are those of the
+original. {TOO_FEW_NOTE}"""
 
 
 def twins_json(about: StudyDescription, stranger: str, rows: Sequence[TwinRow], summary: TwinSummary) -> str:
     """Return all numbers as JSON."""
-    first = rows[0].agent
+    first, shown = rows[0].agent, judge_changes(summary)
     page = describe_study(FORMAT, about, rows[0].results[0].run) | {
         "stranger": stranger,
         "void": summary.void,
         "lines": [
             {"agent": line.agent, "factor": line.factor, "scenarios": line.scenarios}
-            | {
-                name: {metric: asdict(one) for metric, one in getattr(line, name).items()}
-                for name in ("original", "twin", "change")
-            }
-            for line in summary.lines
+            | {name: {m: asdict(getattr(line, name)[m]) for m in METRICS} for name in ("original", "twin")}
+            | {"change": {metric: asdict(line.change[metric]) | {"shown": shown[metric][i]} for metric in METRICS}}
+            for i, line in enumerate(summary.lines)
         ],
         "twins": [
             {"scenario": twin.scenario.id, "factor": twin.factor, "changes": list(twin.changes)}
@@ -67,7 +68,7 @@ def twins_json(about: StudyDescription, stranger: str, rows: Sequence[TwinRow], 
         ],
         "not_made": [asdict(gap) for gap in summary.gaps],
     }
-    return json.dumps(page, indent=1, allow_nan=False) + "\n"
+    return dump_page(page)
 
 
 def twins_csv(summary: TwinSummary) -> str:
@@ -110,12 +111,12 @@ def twins_markdown(
         HOW_TO_READ,
         "\n".join(f"- **{factor}**: {describe_factor(factor, stranger)}" for factor in factors),
         format_markdown(build_twins_table(summary)),
-        describe_comparisons([line.change[metric] for line in summary.lines for metric in METRICS]),
+        count_by_chance(line.change for line in summary.lines),
         f"![what each factor costs]({picture})",
         *(("Twins that cannot be made:", format_markdown(build_gap_table(summary))) if summary.gaps else ()),
         "\n".join(f"- {gap.reason}" for gap in summary.gaps),
     )
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return join_paragraphs(parts)
 
 
 def describe_factor(factor: TwinFactor, stranger: str) -> str:
@@ -125,18 +126,18 @@ def describe_factor(factor: TwinFactor, stranger: str) -> str:
 
 def judge_changes(summary: TwinSummary) -> dict[str, tuple[Verdict, ...]]:
     """Return what the changes show by metric, in the order of the lines, corrected for their number."""
-    return {metric: judge_intervals([line.change[metric] for line in summary.lines]) for metric in METRICS}
+    return judge_by_metric([line.change for line in summary.lines])
 
 
 def build_twins_table(summary: TwinSummary) -> Table:
     """Return a row for each agent and factor."""
-    shown = judge_changes(summary)["ds"]
+    shown = judge_changes(summary)
     columns = (
         *make_text_columns({"agent": "agent", "factor": "factor"}),
         Column("scenarios", "scenarios", decimals=0),
         *(Column(f"{name}_ds", label, decimals=1) for name, label in (("original", "DS"), ("twin", "DS of the twin"))),
         *(make_interval_column(f"{metric}_change", f"{metric.upper()} change", has_sign=True) for metric in METRICS),
-        *make_text_columns({"shown": "shown by DS"}),
+        *make_text_columns({"shown_ds": "shown by DS", "shown_sr": "shown by SR"}),
     )
     rows = [
         make_row(
@@ -147,7 +148,7 @@ def build_twins_table(summary: TwinSummary) -> Table:
                 line.original["ds"].mean,
                 line.twin["ds"].mean,
                 *(make_interval_cell(line.change[metric]) for metric in METRICS),
-                shown[i],
+                *(shown[metric][i] for metric in METRICS),
             )
         )
         for i, line in enumerate(summary.lines)

@@ -1,16 +1,16 @@
 """The studies of two agents as files: JSON with all numbers, CSV for tables, Markdown to read."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, ConfidenceInterval, describe_comparisons
+from mdrive_sumo.core.statistics import METHOD_NOTE, TOO_FEW_NOTE, ConfidenceInterval
 from mdrive_sumo.core.tables import (
     Column,
     Table,
     format_csv,
     format_markdown,
+    join_paragraphs,
     make_row,
     make_text_columns,
     make_text_table,
@@ -20,7 +20,9 @@ from mdrive_sumo.study.cross_play import CrossPlaySummary
 from mdrive_sumo.study.penetration import PenetrationSummary
 from mdrive_sumo.study.study_files import (
     StudyDescription,
+    count_by_chance,
     describe_study,
+    dump_page,
     format_csv_interval,
     list_study_facts,
     make_interval_cell,
@@ -56,7 +58,7 @@ def cross_play_json(about: StudyDescription, rows: Sequence[TwoAgentRow], summar
         "with_strangers": {agent: _to_dict(intervals) for agent, intervals in summary.with_strangers.items()},
         "loss": {agent: _to_dict(intervals) for agent, intervals in summary.loss.items()},
     }
-    return json.dumps(page, indent=1, allow_nan=False) + "\n"
+    return dump_page(page)
 
 
 def penetration_json(about: StudyDescription, rows: Sequence[TwoAgentRow], summary: PenetrationSummary) -> str:
@@ -68,7 +70,7 @@ def penetration_json(about: StudyDescription, rows: Sequence[TwoAgentRow], summa
         for line in summary.lines
     ]
     page = _describe(PENETRATION_FORMAT, about, rows) | {"void": summary.void, "lines": lines}
-    return json.dumps(page, indent=1, allow_nan=False) + "\n"
+    return dump_page(page)
 
 
 def cross_play_csv(summary: CrossPlaySummary) -> str:
@@ -98,21 +100,20 @@ def cross_play_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], su
     tables = (
         "## With strangers",
         format_markdown(build_strangers_table(summary)),
-        describe_comparisons([loss[metric] for loss in summary.loss.values() for metric in METRICS]),
+        count_by_chance(summary.loss.values()),
         "## All pairs, DS",
         format_markdown(build_matrix(summary)),
     )
-    return _join((title, list_study_facts(about, rows[0].results[0].run, summary.void), CROSS_PLAY, *tables))
+    return join_paragraphs((title, list_study_facts(about, rows[0].results[0].run, summary.void), CROSS_PLAY, *tables))
 
 
 def penetration_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], summary: PenetrationSummary) -> str:
     """Return the study as a page."""
     title = f"# {read_stored_name(about.suite)}: a share of the CAVs connected"
     table = format_markdown(build_penetration_table(summary))
-    counted = describe_comparisons(
-        [line.difference[metric] for line in summary.lines if line.penetration for metric in METRICS]
-    )
-    return _join((title, list_study_facts(about, rows[0].results[0].run, summary.void), PENETRATION, table, counted))
+    counted = count_by_chance(line.difference for line in summary.lines if line.penetration)
+    facts = list_study_facts(about, rows[0].results[0].run, summary.void)
+    return join_paragraphs((title, facts, PENETRATION, table, counted))
 
 
 def build_strangers_table(summary: CrossPlaySummary) -> Table:
@@ -187,7 +188,3 @@ def _describe(name: str, about: StudyDescription, rows: Sequence[TwoAgentRow]) -
 
 def _to_dict(intervals: Mapping[str, ConfidenceInterval]) -> dict[str, Any]:
     return {metric: asdict(interval) for metric, interval in intervals.items()}
-
-
-def _join(parts: Sequence[str]) -> str:
-    return "\n\n".join(part for part in parts if part) + "\n"

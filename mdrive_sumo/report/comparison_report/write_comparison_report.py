@@ -19,6 +19,7 @@ from mdrive_sumo.core.tables import (
     Table,
     format_csv,
     format_markdown,
+    join_paragraphs,
 )
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
 from mdrive_sumo.report.comparison_report.replay_pages import describe_replays, find_replay_links
@@ -131,7 +132,7 @@ def format_report_markdown(report: ComparisonReport) -> str:
         parts.append(MARKS_LEGEND)
     for section in report.sections:
         parts += _format_section(section)
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return join_paragraphs(parts)
 
 
 def _format_section(section: ReportSection) -> list[str]:

@@ -1,6 +1,5 @@
 """The files of the study beside its runs: pages, tables, figures and `paper.json` with all numbers."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -15,6 +14,7 @@ from mdrive_sumo.study.human.human_results import build_human_json
 from mdrive_sumo.study.paper.paper_agents import find_role
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
 from mdrive_sumo.study.paper.paper_report import PaperRequest, build_paper_report
+from mdrive_sumo.study.study_files import dump_page
 from mdrive_sumo.v2x.comm_settings import describe_comm
 
 FORMAT = "mdrive-sumo/paper/1"
@@ -59,7 +59,7 @@ def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mappin
             for row in numbers.channel
         ],
     }
-    return json.dumps(page, indent=1, allow_nan=False) + "\n"
+    return dump_page(page)
 
 
 def _describe_run(results: Results) -> dict[str, Any]:
