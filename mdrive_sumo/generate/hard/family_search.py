@@ -2,11 +2,13 @@
 
 The first candidates are a Latin hypercube, spread round robin over the places. Later ones are children of candidates
 that passed, or came far, on the same place: a point moved by the iso+line operator (Vassiliades and Mouret 2018). The
-next child stands where fewest have passed, because a suite takes few scenarios of one place. Candidates are recorded in
-the order in which they were proposed, and each of them is bred from those that are at least `AHEAD` before it. So
-neither the order in which they are evaluated nor the number of workers changes anything.
+next child stands where a great share passes and few have passed, because a suite takes few scenarios of one place, and
+some places never give one. Candidates are recorded in the order in which they were
+proposed, and each of them is bred from those that are at least `AHEAD` before it. So neither the order in which they
+are evaluated nor the number of workers changes anything.
 """
 
+import math
 import random
 from collections import Counter
 from collections.abc import Sequence
@@ -64,8 +66,8 @@ class FamilySearch:
         """All recorded candidates, in the order in which they were proposed."""
         self._parents: dict[str, list[_Parent]] = {}
         self._proposed = 0
-        self._passed, self._waiting = Counter[str](), Counter[str]()
-        """Candidates by place: those that passed, and those that are not recorded."""
+        self._passed, self._tried, self._waiting = Counter[str](), Counter[str](), Counter[str]()
+        """Candidates by place: those that passed, those that are recorded, and those that are not."""
         rng = random.Random(self._derive("first"))
         self._first = _draw_latin_hypercube(len(family.parameters), FIRST_CANDIDATES, rng)
 
@@ -96,17 +98,19 @@ class FamilySearch:
             return self._make_candidate(number, place, self._first[number])
         if not self._parents or rng.random() < FRESH_SHARE:
             return self._make_candidate(number, place, tuple(rng.random() for _ in self.family.parameters))
-        place = min(self._parents, key=lambda name: (self._count_expected(name), self._names.index(name)))
+        place = max(self._parents, key=lambda name: (self._rate_place(name), -self._names.index(name)))
         return self._make_candidate(number, place, self._breed(place, rng))
 
-    def _count_expected(self, place: str) -> float:
-        """Return how many candidates of a place have passed, and those that wait with the share that passes."""
-        return self._passed[place] + self._waiting[place] * (self.passed + 1) / (len(self.evaluations) + 1)
+    def _rate_place(self, place: str) -> float:
+        """Return the share of its candidates that pass, divided by the root of those that have or are expected to."""
+        share = (self._passed[place] + 1) / (self._tried[place] + 2)
+        return share / math.sqrt(1 + self._passed[place] + share * self._waiting[place])
 
     def record(self, one: CandidateEvaluation) -> None:
         """Record the evaluation of the first candidate that was proposed and is not recorded."""
         self.evaluations.append(one)
         self._waiting[one.place] -= 1
+        self._tried[one.place] += 1
         self._passed[one.place] += one.figures is not None
         if one.figures is not None or one.stage in PARENT_STAGES:
             parents = self._parents.setdefault(one.place, [])

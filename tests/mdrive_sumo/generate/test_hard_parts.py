@@ -1,6 +1,7 @@
 """Parts of the hard tier: factor of the time limits, places of families, proposals, met controls, the first edition."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -128,6 +129,21 @@ def test_proposals_are_the_same_again_and_children_stand_on_the_places_of_their_
     assert all(0.0 <= candidate.values[0] <= 10.0 for candidate in bred)
     assert sum(candidate.values[0] <= 8.0 for candidate in bred) > 0.8 * len(bred)  # a fifth of random ones is refused
     assert len({candidate.place for candidate in bred}) == 3
+
+
+def test_children_avoid_a_place_on_which_nothing_passes_and_spread_over_the_others() -> None:
+    places = find_places(POOL, TOY_FAMILY)
+    search = FamilySearch(TOY_FAMILY, places, SeasonSeed(3))
+    made = Counter[str]()
+    for number in range(80):
+        candidate = search.propose()
+        made[candidate.place] += number >= family_search.FIRST_CANDIDATES
+        passes = candidate.place != places[0].name
+        update = {"stage": None, "figures": make_figures("toy_1", 70.0, 30.0)} if passes else {"rejected_score": 70.0}
+        search.record(_reject(candidate).model_copy(update={"stage": RejectionStage.UNAIDED} | update))
+    bad, *good = (made[place.name] for place in places)
+    assert 0 < bad < 0.6 * min(good)
+    assert max(good) - min(good) <= 6
 
 
 def _end_search(update: Mapping[str, object]) -> int:
