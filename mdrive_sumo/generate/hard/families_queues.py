@@ -1,0 +1,196 @@
+"""Families at gaps of standing queues: behind the queue comes a stream of road users that pass it closely."""
+
+import math
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.generate.drawn_places import PlaceChoice
+from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
+from mdrive_sumo.generate.hard.junction_parameters import HEADWAY, OLD_TOWNS, SITE, name_number
+from mdrive_sumo.generate.hard.junction_users import (
+    CavColumn,
+    build_columns,
+)
+from mdrive_sumo.generate.hard.sites.crossroads import choose_crossroads
+from mdrive_sumo.generate.hard.sites.junction_conflicts import JunctionConflict
+from mdrive_sumo.generate.hard.streams import RoadUserStream, build_stream
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.scenario import RoadsideUnit
+from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.start_boxes import CAR, build_box
+from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_actor, build_mast
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, build_route_line, compute_chain_length, compute_pose
+
+RIM_M = 8.0
+"""[m] No vehicle of a queue has its middle this close to an end of its lanes: a bus is 12 m long."""
+REACH_M = 12.0
+"""[m] Along a route before and behind the middle of a lane that it crosses: a left turn crosses it askew."""
+BESIDE_M = 2.5
+"""[m] Half the width of a lane, and a car's half: where a CAV beside its line touches what stands in the lane."""
+CLEAR_M = CAR.width / 2 + 0.45
+"""[m] No vehicle of a queue stands closer to the route, which may bend towards it: CAVs would drive around it."""
+QUEUE_GAP_M = 1.0
+"""[m] Between vehicles that stand in a queue."""
+NUDGE_M = 0.1
+"""[m] By which a vehicle is moved on until a CAV has room."""
+PASS_S = 2.2
+"""[s] By which a pause is longer for each CAV of a column: one behind the other they pass in it."""
+HIGH = ("bus", "truck")
+"""Models that hide a car from a LiDAR on a roof too."""
+MOST_QUEUED, BEHIND = 12, 2
+"""Vehicles before the gap at most, and behind it."""
+MODELS = ("van", "truck", "van", "bus", "car")
+"""Models of the rest of a queue."""
+FLANK_M = 1.15
+"""[m] From the middle of a lane to the flank of a queue in it: drivers of buses keep to the kerb to let riders pass."""
+
+
+@dataclass(frozen=True, slots=True)
+class QueueGap:
+    """A gap in the queue on a chain of lanes, through which a route leads."""
+
+    own: Lanes
+    lanes: Lanes
+    """Those on which the queue stands."""
+    crossing: Float
+    """Rows (N, 3) [m] along the route: its station, that of the same place on the lanes, its offset to their left."""
+
+    def locate(self, offset_m: float) -> tuple[float, float]:
+        """Return the stations [m] on the route and on the lanes at which the route is so far to the left of these."""
+        rows = self.crossing[np.argsort(self.crossing[:, 2])]
+        own_m, lane_m = (float(np.interp(offset_m, rows[:, 2], rows[:, k])) for k in (0, 1))
+        return own_m, lane_m
+
+
+def find_gap(roads: RoadMap, conflict: JunctionConflict) -> QueueGap:
+    """Return the gap that a queue on the other way of a conflict leaves for the own way."""
+    line, curve = build_route_line(roads, conflict.own.lanes), build_route_line(roads, conflict.other.lanes).curve
+    begin = max(round(conflict.own_m - REACH_M), 0)
+    stations = range(begin, min(round(conflict.own_m + REACH_M), line.last_m))
+    rows = np.array([(float(k), *curve.project(*line.xy[k].tolist())) for k in stations])
+    return QueueGap(conflict.own.lanes, conflict.other.lanes, rows)
+
+
+def build_queue(
+    roads: RoadMap,
+    gap: QueueGap,
+    models: tuple[Sequence[str], Sequence[str]],
+    free_m: float,
+    flank_m: float,
+    name: str = "queue",
+) -> tuple[Actor, ...]:
+    """Return the vehicles that stand before and behind a gap until the end.
+
+    models: of those before it and behind it, from the gap on. free_m: from the line of a CAV to the nearest ones.
+    flank_m: from the middle of the lane to the flanks past which a stream goes; negative: to the right.
+    """
+    line, whole = _select_line(roads, gap), shapely.LineString(build_route_line(roads, gap.own).xy)
+    end_m = compute_chain_length(roads, gap.lanes) - RIM_M
+    actors: list[Actor] = []
+    for step, chosen in zip((-1.0, 1.0), models, strict=True):
+        at_m = gap.locate(0.0)[1]
+        for number, model in enumerate(chosen):
+            offset = flank_m - math.copysign(BODY_SIZES[model][1] / 2, flank_m)
+            pose = compute_pose(roads, gap.lanes, at_m + step * BODY_SIZES[model][0] / 2, offset)
+            while not number and shapely.distance(build_box(pose, *BODY_SIZES[model]), line) < free_m:
+                at_m += step * NUDGE_M
+                pose = compute_pose(roads, gap.lanes, at_m + step * BODY_SIZES[model][0] / 2, offset)
+            at_m += step * BODY_SIZES[model][0] / 2
+            if not RIM_M < at_m < end_m or shapely.distance(build_box(pose, *BODY_SIZES[model]), whole) < CLEAR_M:
+                break
+            actors.append(build_actor(f"{name}{len(actors)}", BODIES[model], pose))
+            at_m += step * (BODY_SIZES[model][0] / 2 + QUEUE_GAP_M)
+    return tuple(actors)
+
+
+def _select_line(roads: RoadMap, gap: QueueGap) -> shapely.LineString:
+    """Return the route where it crosses the lane of a queue."""
+    inside = gap.crossing[np.abs(gap.crossing[:, 2]) < BESIDE_M]
+    return shapely.LineString(build_route_line(roads, gap.own).xy[inside[:, 0].astype(np.int64)])
+
+
+def _build_stream(
+    roads: RoadMap, gap: QueueGap, values: Values, model: str, flank_m: float
+) -> tuple[CavColumn, tuple[Actor, ...]]:
+    """Return a column of CAVs and the stream behind the queue that they meet."""
+    offset = flank_m + math.copysign(values["behind_m"] + BODIES[model].width / 2, flank_m)
+    own_m, lane_m = gap.locate(offset)
+    stream = RoadUserStream(
+        gap.lanes,
+        lane_m,
+        offset,
+        model,
+        values["speed"],
+        values["due_s"] - values["before_s"],
+        values["every_s"],
+        max(round((values["before_s"] + values["flows_s"]) / values["every_s"]), 2),
+        values["pause_s"] + round(values["own"]) * PASS_S,
+    )
+    column = CavColumn(gap.own, own_m, round(values["own"]), values["due_s"], values["headway_s"])
+    return column, build_stream(roads, model, stream)
+
+
+def stage_filtering_motorcycles(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
+    """Return CAVs that leave a side street through the gap of a queue, past whose far flank motorcycles filter."""
+    site = choose_crossroads(roads, values["site"], ("yield", "stop", "right-before-left"))
+    conflict = min(site.others, key=lambda one: one.own_m)
+    gap = find_gap(roads, conflict)
+    column, riders = _build_stream(roads, gap, values, "motorcycle", FLANK_M)
+    egos = build_columns(roads, (column,))
+    queue = build_queue(roads, gap, _choose_models(values, seed), CAR.width / 2 + values["gap_m"], FLANK_M)
+    return FamilyScene(egos, (), (*queue, *riders), (_build_mast(roads, column, values),))
+
+
+def _build_mast(roads: RoadMap, column: CavColumn, values: Values) -> RoadsideUnit:
+    """Return a roadside unit above the route of a column, as far beyond the stream as `mast_m` says."""
+    return build_mast("rsu", compute_pose(roads, column.lanes, column.at_m + values["mast_m"]))
+
+
+def _choose_models(values: Values, seed: str) -> tuple[list[str], list[str]]:
+    """Return the models before and behind a gap: high ones beside it, and as many as the queue is long."""
+    rng = random.Random(f"{seed}/queue")
+    before, behind = (["bus", rng.choice(HIGH), *rng.choices(MODELS, k=MOST_QUEUED)] for _ in range(2))
+    ends_m = np.cumsum([BODY_SIZES[model][0] + QUEUE_GAP_M for model in before])
+    return before[: int(np.searchsorted(ends_m, values["queue_m"])) + 1], behind[:BEHIND]
+
+
+_STREAM = (
+    FamilyParameter("gap_m", 0.5, 1.2, "m", "distance of the queue from the side of a CAV in its gap"),
+    FamilyParameter("behind_m", 0.3, 0.5, "m", "distance of the stream from the flanks of the queue"),
+    FamilyParameter("before_s", 1.5, 3.0, "s", "how much earlier than the first CAV the stream begins"),
+    FamilyParameter("flows_s", 6.0, 8.5, "s", "for how long after the first CAV is due it goes on"),
+    FamilyParameter("pause_s", 2.0, 4.0, "s", "pause before it comes again, besides the time that the CAVs need"),
+    FamilyParameter(
+        "mast_m", 0.0, 6.0, "m", "distance of a roadside unit behind the stream, above the way of the CAVs"
+    ),
+    FamilyParameter("queue_m", 50.0, 90.0, "m", "length of the queue before the gap"),
+)
+_OWN = name_number("own", 2.0, 4.4, "in the column that has to cross")
+_DUE = FamilyParameter("due_s", 3.5, 5.0, "s", "time after which the first CAV is due at the stream")
+_CROSSINGS = tuple(
+    PlaceChoice("crossing", {"arms": 4, "control": control, "area": area, "speed_kmh": 50})
+    for control, area in (("priority", "town"), ("stop", "town"), ("priority", "suburb"))
+)
+
+FAMILIES = (
+    ScenarioFamily(
+        "filtering-motorcycles",
+        "CAVs leave a side street through the gap of a standing queue, past which motorcycles filter on its far side.",
+        (*OLD_TOWNS, *_CROSSINGS),
+        (
+            SITE,
+            _OWN,
+            _DUE,
+            HEADWAY,
+            *_STREAM,
+            FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the motorcycles"),
+            FamilyParameter("every_s", 0.7, 1.1, "s", "time between two motorcycles"),
+        ),
+        stage_filtering_motorcycles,
+    ),
+)
