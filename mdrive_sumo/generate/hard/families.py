@@ -3,12 +3,11 @@
 from collections.abc import Mapping
 
 from mdrive_sumo.generate.hard import (
-    driveway_exits,
     families_crossings,
     families_junctions,
     families_queues,
     families_two_lanes,
-    step_out_families,
+    riders,
 )
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 
@@ -17,8 +16,7 @@ _ALL: tuple[ScenarioFamily, ...] = (
     *families_junctions.FAMILIES,
     *families_queues.FAMILIES,
     *families_two_lanes.FAMILIES,
-    *step_out_families.FAMILIES,
-    *driveway_exits.FAMILIES,
+    *riders.FAMILIES,
 )
 
 FAMILIES: Mapping[str, ScenarioFamily] = {family.category: family for family in _ALL}

@@ -1,4 +1,4 @@
-"""Families at junctions that queues block or cycle lanes cross, and on ways with several junctions."""
+"""Families at junctions that queues block, and on ways with several junctions."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -6,7 +6,6 @@ from itertools import pairwise
 from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
 from mdrive_sumo.generate.hard.junction_parameters import (
-    COLUMNS,
     DUE,
     HEADWAY,
     HIDDEN,
@@ -42,7 +41,7 @@ from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, compute_t
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.start_boxes import CAR
-from mdrive_sumo.worlds.placement.bodies import BODIES, build_mast, build_rider, space_vehicles
+from mdrive_sumo.worlds.placement.bodies import build_mast, space_vehicles
 from mdrive_sumo.worlds.placement.lane_chains import (
     compute_chain_length,
     compute_lane_begins,
@@ -54,8 +53,6 @@ RIM_M = 8.0
 """[m] No vehicle of a queue has its middle this close to an end of its lanes: a bus is 12 m long."""
 FAST_MPS = 13.0
 """[m/s] Least speed limit of a way across several streets: at 30 km/h CAVs stop for what they see."""
-CYCLE_STEP_M = 3.0
-"""[m] Between the points of a cyclist's path."""
 
 
 def stage_blocked_junction(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
@@ -116,52 +113,6 @@ def _build_queue(roads: RoadMap, gap: JunctionConflict, values: Values) -> tuple
     )
 
 
-def stage_side_street_cyclist(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
-    """Return CAVs that leave a side street across the cycle lane of a main one; the corner house hides cyclists."""
-    site = choose_crossroads(roads, values["site"], ("yield", "stop", "right-before-left"))
-    conflict = next((one for one in site.others if one.from_left), site.meeting)
-    lane = roads.lanes[conflict.other.approach]
-    beside_m = lane.width / 2 + values["wall_m"]
-    met_m = conflict.own_m - beside_m
-    cyclists = [
-        _build_cyclist(roads, conflict, f"cyclist{k}", beside_m, values, k * values["every_s"])
-        for k in range(round(values["cyclists"]))
-    ]
-    columns = [CavColumn(conflict.own.lanes, met_m, round(values["own"]), values["due_s"], values["headway_s"])]
-    if site.back is not None and round(values["back"]):
-        columns.append(
-            CavColumn(
-                site.back.own.lanes,
-                site.back.own_m,
-                round(values["back"]),
-                values["due_s"] + values["back_s"] + 1.0,
-                values["headway_s"],
-            )
-        )
-    if values["mast"] < 0.5:
-        later_s = values["gap_s"] + values["behind_s"] + 1.0
-        columns.append(
-            CavColumn(conflict.other.lanes, conflict.other_m, 1, values["due_s"] + later_s, values["headway_s"])
-        )
-    egos = build_columns(roads, columns)
-    vehicles = build_traffic_on(roads, [conflict.other], values["flow"], seed, egos)
-    return FamilyScene(egos, vehicles, tuple(cyclists), build_masts(roads, conflict, values))
-
-
-def _build_cyclist(
-    roads: RoadMap, conflict: JunctionConflict, name: str, beside_m: float, values: Values, later_s: float
-) -> Actor:
-    """Return a cyclist who rides beside the right lane of the main street from the start on."""
-    speed = values["cycling_speed"]
-    lanes = conflict.other.lanes
-    begin = conflict.other_m - speed * (values["due_s"] + values["gap_s"] + later_s)
-    begin = max(begin, 2.0)
-    end = min(conflict.other_m + 25.0, compute_chain_length(roads, lanes) - 2.0)
-    count = max(int((end - begin) / CYCLE_STEP_M), 1)
-    poses = [compute_pose(roads, lanes, begin + CYCLE_STEP_M * k, -beside_m) for k in range(count + 1)]
-    return build_rider(name, BODIES["bicycle"], poses, round(speed, 2))
-
-
 def stage_crossing_series(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
     """Return CAVs that meet hidden vehicles at several crossings one after the other."""
     series = list(_find_series(roads))
@@ -220,13 +171,6 @@ def _find_series(roads: RoadMap) -> Iterator[tuple[JunctionWay, list[tuple[Junct
 
 _ONCOMING = name_number("oncoming", 1.0, 3.0, "behind the hidden vehicle")
 _OWN = name_number("own", 2.0, 5.0, "in the column that has to cross")
-_CYCLE_PLACES = tuple(
-    PlaceChoice(
-        "crossing",
-        {"area": "old_town", "arms": 4, "control": control, "speed_kmh": 50, "beside": beside, "keeps_sight": False},
-    )
-    for control, beside in (("priority", "cycle_lanes"), ("right_before_left", "cycle_lanes"), ("priority", "parking"))
-)
 _SERIES_PLACES = tuple(
     PlaceChoice("town_block", {"area": area, "control": control, "columns": 3, "keeps_sight": False})
     for area, control in (("old_town", "main_street"), ("town", "main_street"), ("suburb", "main_street"))
@@ -281,23 +225,6 @@ FAMILIES = (
             name_flow(0.0, 300.0, "the lane that moves"),
         ),
         stage_gap_platoons,
-    ),
-    ScenarioFamily(
-        "side-street-cyclist",
-        "CAVs leave a side street across the cycle lane of a main one, on which fast cyclists come behind a house.",
-        _CYCLE_PLACES,
-        (
-            *COLUMNS,
-            FamilyParameter("gap_s", -0.5, 0.5, "s", "how much later than the first CAV the first cyclist is due"),
-            FamilyParameter("behind_s", 1.0, 2.2, "s", "how much later than the cyclist the CAV behind it is due"),
-            FamilyParameter("cycling_speed", 6.0, 9.0, "m/s", "speed of the cyclists, on pedelecs"),
-            FamilyParameter("wall_m", 0.9, 2.4, "m", "distance of the cyclists from the edge of the lane for cars"),
-            FamilyParameter("cyclists", 1.0, 4.0, "", "number of cyclists, rounded"),
-            FamilyParameter("every_s", 0.8, 2.0, "s", "time between two cyclists"),
-            MAST,
-            name_flow(0.0, 200.0, "the main street"),
-        ),
-        stage_side_street_cyclist,
     ),
     ScenarioFamily(
         "crossing-series",

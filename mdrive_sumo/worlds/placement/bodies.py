@@ -32,6 +32,8 @@ BODY_SIZES: Mapping[str, tuple[float, float]] = {
     "van": (5.9, 2.0),
     "truck": (9.5, 2.5),
     "bus": (12.0, 2.55),
+    "articulated-bus": (18.0, 2.55),
+    "semitrailer": (16.5, 2.55),
     "ambulance": (6.2, 2.1),
 }
 """Length and width [m] of vehicles by model; widths without mirrors. The ambulance is that of EN 1789, type C,

@@ -1,0 +1,315 @@
+"""Families in which streams of riders pass closely behind what stands at the kerb, and CAVs cross their line.
+
+The riders keep their course and their speed, and follow so closely one behind the other that no driver without messages
+gets through between two of them. Who knows of them waits for the pause behind a group.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.generate.drawn_places import PlaceChoice
+from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
+from mdrive_sumo.generate.hard.junction_parameters import HEADWAY, SITE
+from mdrive_sumo.generate.hard.junction_users import CavColumn, build_columns
+from mdrive_sumo.generate.hard.sites.junction_conflicts import choose_site, refuse_place
+from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay
+from mdrive_sumo.generate.hard.sites.rider_sites import (
+    RiderSite,
+    RiderStrip,
+    find_crossing_sites,
+    find_opposite,
+    find_turning_sites,
+)
+from mdrive_sumo.generate.hard.streams import RoadUserStream, build_stream
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.start_boxes import build_user_box
+from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_mast, build_parked_vehicle
+from mdrive_sumo.worlds.placement.cavs import NoRoomError
+from mdrive_sumo.worlds.placement.lane_chains import (
+    Lanes,
+    build_pose_line,
+    compute_lane_begins,
+    compute_pose,
+)
+
+FRONT_STEP_M = 0.05
+"""[m] Steps in which a row is moved back until it is clear."""
+ROW_GAP_M = 0.4
+"""[m] Between vehicles of a row: parked bumper to bumper, so that there is no sight between them."""
+ROUNDING_M = 0.02
+"""[m] Poses are rounded."""
+BEND_M = 0.15
+"""[m] What stands beside a way that bends may be so much nearer to it."""
+ROW_BEGIN_M = 8.0
+"""[m] A row begins at least so far behind the begin of its lane."""
+BEYOND_M = 5.0
+"""[m] Beyond the riders' line, from where the front of a row is sought."""
+PATH_M = 25.0
+"""[m] Length of a way before and behind the riders' line of which a row keeps its distance."""
+STREAM_M = 100.0
+"""[m] Before the crossing to where riders appear: a rider of 8 m/s is there 12 s before."""
+GROUPS = 3
+"""Later ones meet CAVs that have missed two pauses, which the time limits do not allow."""
+PARKED = ("semitrailer", "truck", "van", "car", "van")
+"""What parks in a row, from the riders' line back: 45 m, past which there is no sight from where CAVs start."""
+BUSES = ("articulated-bus", "articulated-bus", "bus")
+MAST_M = 2.5
+"""[m] A roadside unit stands so far to the left of the lane where it crosses the riders' line."""
+
+
+@dataclass(frozen=True, slots=True)
+class RiderKind:
+    """Who rides, what stands at the kerb, and where."""
+
+    rider: str
+    """Model of `BODIES`."""
+    row: tuple[str, ...]
+    """Models of what stands at the kerb, from the riders' line back."""
+    find_sites: Callable[[RoadMap], tuple[RiderSite, ...]]
+    is_beside_riders: bool = False
+    """Whether the row stands between lane and riders, along their line; otherwise it stands beside the CAVs' lane."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Crossing:
+    """A way across a strip."""
+
+    way: JunctionWay
+    strip: RiderStrip
+    own_m: float
+    """Station [m] on the way."""
+    at_m: float
+    """Station [m] on the lanes of the strip."""
+
+
+def stage_riders(kind: RiderKind, values: Values, seed: str, roads: RoadMap) -> FamilyScene:
+    """Return CAVs that cross streams of riders behind what stands at the kerb. Raises ProposalRejected, NoRoomError."""
+    del seed
+    sites = kind.find_sites(roads)
+    if not sites:
+        raise refuse_place(roads, "a street that ways cross beside its lanes")
+    site = choose_site(sites, values["site"])
+    opposite = None if kind.is_beside_riders else find_opposite(site, sites)
+    parts = [_find_crossings(roads, one, values) for one in (site, opposite) if one is not None]
+    columns = _list_columns([crossing for part in parts for crossing in part], values)
+    actors: list[Actor] = []
+    for k, part in enumerate(parts):
+        actors += _build_riders(roads, kind, part[0], values, f"rider{k}_")
+        actors += _build_row(roads, kind, part, values, f"parked{k}_")
+    masts = tuple(
+        build_mast(f"rsu{k}", compute_pose(roads, part[0].way.lanes, part[0].own_m, MAST_M))
+        for k, part in enumerate(parts)
+        if values[("mast", "mast_back")[k]] >= 0.5
+    )
+    return FamilyScene(build_columns(roads, columns), (), tuple(actors), masts)
+
+
+def _find_crossings(roads: RoadMap, site: RiderSite, values: Values) -> list[_Crossing]:
+    outward = values["wall_m"] if site.edge_m > 0.0 else -values["wall_m"]
+    strip = RiderStrip(roads, site.lanes, site.edge_m + outward)
+    met = [(way, strip.find_met(way)) for way in site.ways]
+    if met[0][1] is None:
+        raise NoRoomError(f"network {roads.name}: expected a way across the riders' line, found none")
+    return [_Crossing(way, strip, *stations) for way, stations in met if stations is not None]
+
+
+def _list_columns(crossings: Sequence[_Crossing], values: Values) -> list[CavColumn]:
+    """Return the column of the first way, and that of the second one if there is one."""
+    numbers = (round(values["own"]), round(values["back"]))
+    due_s = (values["due_s"], values["due_s"] + values["back_s"])
+    return [
+        CavColumn(one.way.lanes, one.own_m, count, due, values["headway_s"])
+        for one, count, due in zip(crossings, numbers, due_s, strict=False)
+        if count
+    ]
+
+
+def _build_riders(roads: RoadMap, kind: RiderKind, crossing: _Crossing, values: Values, name: str) -> tuple[Actor, ...]:
+    stream = RoadUserStream(
+        crossing.strip.lanes,
+        crossing.at_m,
+        crossing.strip.offset,
+        kind.rider,
+        round(values["riding"], 2),
+        values["due_s"] - values["before_s"],
+        values["every_s"],
+        round(values["lasts_s"] / values["every_s"]) + 1,
+        values["pause_s"],
+        GROUPS,
+        max(crossing.at_m - STREAM_M, 0.0),
+    )
+    return build_stream(roads, name, stream)
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A row of vehicles that stand along lanes."""
+
+    lanes: Lanes
+    front_m: float
+    """Station [m] from which on back the first one is placed."""
+    begin_m: float
+    flank_m: float
+    """[m] Of one of its sides to the left of the lanes ..."""
+    side: float
+    """... and where the vehicles stand from there: 1.0 to the left, -1.0 to the right."""
+
+
+def _build_row(
+    roads: RoadMap, kind: RiderKind, crossings: Sequence[_Crossing], values: Values, name: str
+) -> Iterator[Actor]:
+    """Yield what stands in a row up to the riders' line, or along it up to the ways that cross it."""
+    rider_m = BODIES[kind.rider].width / 2 + values["free_m"]
+    row = _plan_row(roads, kind, crossings[0], rider_m, values["side_m"])
+    paths = shapely.MultiLineString([_build_path(roads, one) for one in crossings])
+    line, front_m = crossings[0].strip.line, row.front_m
+    for k, model in enumerate(kind.row):
+        length, width = BODY_SIZES[model]
+        offset, bend_m = row.flank_m + row.side * width / 2, BEND_M if k else 0.0
+        while front_m - length > row.begin_m:
+            pose = compute_pose(roads, row.lanes, front_m - length / 2, offset)
+            parked = build_parked_vehicle(f"{name}{k}", model, pose, mirrored=False)
+            box = build_user_box(parked)
+            front_m -= FRONT_STEP_M
+            if box.distance(line) >= rider_m - bend_m and box.distance(paths) >= values["side_m"] - BEND_M:
+                yield parked
+                front_m -= length + ROW_GAP_M
+                break
+
+
+def _plan_row(roads: RoadMap, kind: RiderKind, crossing: _Crossing, rider_m: float, side_m: float) -> _Row:
+    if kind.is_beside_riders:
+        strip = crossing.strip
+        begin_m = _find_begin(roads, strip.lanes, crossing.at_m)
+        return _Row(strip.lanes, crossing.at_m, begin_m, strip.offset + rider_m + ROUNDING_M, 1.0)
+    way = crossing.way
+    return _Row(way.lanes, crossing.own_m + BEYOND_M, _find_begin(roads, way.lanes, way.stop_m), -side_m, -1.0)
+
+
+def _build_path(roads: RoadMap, crossing: _Crossing) -> shapely.LineString:
+    """Return the line of a way around the place where it crosses the riders' line."""
+    stations = np.arange(max(crossing.own_m - PATH_M, 0.0), crossing.own_m + PATH_M)
+    return build_pose_line([compute_pose(roads, crossing.way.lanes, one) for one in stations.tolist()])
+
+
+def _find_begin(roads: RoadMap, lanes: Lanes, before_m: float) -> float:
+    """Return where a row on a chain of lanes begins at the earliest: on the last lane that begins well before."""
+    begins = [one for one in compute_lane_begins(roads, lanes) if one < before_m - 2 * ROW_BEGIN_M]
+    return max(begins, default=0.0) + ROW_BEGIN_M
+
+
+def _choose(**parameters: str | int | float | bool) -> PlaceChoice:
+    return PlaceChoice("crossing", {"arms": 4, "speed_kmh": 50, "keeps_sight": False, "skew_deg": 0.0, **parameters})
+
+
+_CYCLE_PLACES = (
+    _choose(area="old_town", control="priority", beside="cycle_lanes"),
+    _choose(area="old_town", control="right_before_left", beside="cycle_lanes"),
+    _choose(area="town", control="priority", beside="parking"),
+    PlaceChoice("town_block", {"area": "old_town", "control": "main_street", "columns": 3, "keeps_sight": False}),
+)
+_MAIN_PLACES = (
+    _choose(area="old_town", control="priority", beside="parking"),
+    _choose(area="town", control="priority", beside="cycle_lanes"),
+    _choose(area="suburb", control="priority", beside="cycle_lanes", zebras=True),
+    PlaceChoice("corridor", {"junctions": 3, "limit_kmh": 50.0, "signals": "none", "keeps_sight": False}),
+)
+_TWO_LANES = (
+    _choose(area="town", control="priority", main_lanes=2),
+    _choose(area="old_town", control="priority", main_lanes=2),
+)
+_TURN_PLACES = (
+    _choose(area="town", control="priority", beside="parking"),
+    _choose(area="old_town", control="priority", beside="cycle_lanes"),
+)
+_MINOR = ("yield", "stop", "right-before-left")
+
+
+def _name_parameters(**bounds: tuple[float, float]) -> tuple[FamilyParameter, ...]:
+    def name(one: str, low: float, high: float, unit: str, meaning: str) -> FamilyParameter:
+        return FamilyParameter(one, *bounds.get(one, (low, high)), unit, meaning)
+
+    return (
+        SITE,
+        name("own", 1.5, 3.4, "", "number of CAVs on the first way, rounded"),
+        name("back", 0.6, 3.4, "", "number of CAVs on the second way, if there is one, rounded"),
+        FamilyParameter("due_s", 3.0, 4.5, "s", "time after which the first CAV is due at the riders' line"),
+        FamilyParameter("back_s", -0.5, 1.5, "s", "how much later the first one on the second way is due"),
+        HEADWAY,
+        name("riding", 8.0, 9.5, "m/s", "speed of the riders"),
+        name("before_s", 0.8, 1.8, "s", "how much earlier than the first CAV the first rider is due"),
+        name("every_s", 0.9, 1.4, "s", "time between two riders"),
+        name("lasts_s", 8.0, 11.0, "s", "how long a group of riders takes to pass"),
+        name("pause_s", 6.0, 8.0, "s", "pause between two groups"),
+        name("wall_m", 1.0, 1.8, "m", "distance of the riders from the edge of the street's lanes"),
+        name("free_m", 0.3, 0.4, "m", "distance of what stands at the kerb from the riders"),
+        name("side_m", 1.45, 1.65, "m", "its distance from the middle of the CAVs' way"),
+        FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit sees the riders (from 0.5 on)"),
+        FamilyParameter("mast_back", 0.0, 1.0, "", "whether one sees those before the second way (from 0.5 on)"),
+    )
+
+
+FAMILIES = (
+    ScenarioFamily(
+        "side-street-cyclist",
+        "CAVs leave a side street across a two-way cycle track; what parks up to the corner hides groups of pedelecs.",
+        _CYCLE_PLACES,
+        _name_parameters(),
+        partial(
+            stage_riders,
+            RiderKind(
+                "bicycle",
+                PARKED,
+                partial(find_crossing_sites, controls=_MINOR, beside_lane=False),
+            ),
+        ),
+    ),
+    ScenarioFamily(
+        "cycle-crossing",
+        "CAVs on a main street meet groups of pedelecs on a crossing right behind lorries that park there.",
+        _MAIN_PLACES,
+        _name_parameters(),
+        partial(
+            stage_riders,
+            RiderKind(
+                "bicycle",
+                PARKED,
+                partial(find_crossing_sites, controls=("priority-road",), beside_lane=False),
+            ),
+        ),
+    ),
+    ScenarioFamily(
+        "standing-bus",
+        "Groups of pedelecs cross in front of buses that stand in the right one of two lanes.",
+        _TWO_LANES,
+        _name_parameters(),
+        partial(
+            stage_riders,
+            RiderKind(
+                "bicycle",
+                BUSES,
+                partial(find_crossing_sites, controls=("priority-road",), beside_lane=True),
+            ),
+        ),
+    ),
+    ScenarioFamily(
+        "right-hook",
+        "CAVs turn across a cycle track on which groups of pedelecs come from behind parked vans.",
+        _TURN_PLACES,
+        _name_parameters(wall_m=(3.5, 3.9), pause_s=(9.0, 12.0), lasts_s=(5.5, 8.0), own=(1.5, 2.4), back=(0.6, 2.4)),
+        partial(
+            stage_riders,
+            RiderKind(
+                "bicycle",
+                PARKED,
+                partial(find_turning_sites, controls=("priority-road",)),
+                is_beside_riders=True,
+            ),
+        ),
+    ),
+)
