@@ -2,8 +2,8 @@
 
 First comes what rejects most in a second of processor time: build -> length -> danger (blind driving must do harm) ->
 feasibility (`omniscient`, seed 0) -> `single` (seed 0) -> certificate of need, which says the factor of the time limits
--> speeding and cautious drivers (seed 0) -> all rules (seed 0) -> feasibility with other seeds -> all rules with other
-seeds. Only what the choice needs is kept.
+-> speeding and cautious drivers (a seed each) -> all rules (seed 0) -> feasibility with other seeds -> all rules with
+other seeds. Only what the choice needs is kept.
 """
 
 import math

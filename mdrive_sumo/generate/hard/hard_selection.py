@@ -1,7 +1,7 @@
 """Choose the scenarios of a suite from all candidates that passed the search.
 
-The choice meets the aims of the tier (`suite_aims`), and among all choices that do it is the one in which the best of
-the speeding and cautious drivers without messages scores least. No two of its scenarios are duplicates. The aims speak
+The choice meets the aims of the tier (`suite_aims`), and among all choices that do it is the one in which the speeding
+and cautious drivers without messages score least on average. No two of its scenarios are duplicates. The aims speak
 of means over the suite, so the choice is a program over all candidates (`generate.selection_program`); taken one by
 one, the last ones would have to repair what the first ones did.
 """
@@ -13,7 +13,6 @@ import numpy as np
 
 from mdrive_sumo.generate.duplicates import find_rivals
 from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation
-from mdrive_sumo.generate.hard.candidate_probes import VARIANTS
 from mdrive_sumo.generate.hard.hard_places import HardPlace
 from mdrive_sumo.generate.hard.hard_recipe import HardRecipe, build_hard_scenario
 from mdrive_sumo.generate.hard.suite_aims import build_aims, find_most_of_category, is_proven
@@ -69,7 +68,7 @@ def build_problem(
     index = {one.id: i for i, one in enumerate(candidates)}
     return SelectionProblem(
         count=count,
-        costs=np.array([max(one.measured.scores[variant.name] for variant in VARIANTS) for one in candidates]),
+        costs=np.array([one.measured.variants_score for one in candidates]),
         excess=np.array([[aim.compute_excess(one) for one in candidates] for aim in aims]),
         prices=np.array([aim.price for aim in aims]),
         groupings=(
