@@ -194,9 +194,17 @@ def draw_twins(summary: TwinSummary, title: str, stem: Path) -> tuple[Path, Path
                 markersize=5,
                 label=agent,
             )
+        has_ends = any(line.change[DS].ends for line in summary.lines)
         axes.set_yticks(range(len(factors)), factors)
-        axes.invert_yaxis()
-        axes.set(xlabel="DS of the twin - DS of the original [points], with 95 % intervals", title=title)
+        axes.set_ylim(len(factors) - 0.5, -0.5)
+        axes.grid(visible=False, axis="y")
+        for i in range(len(factors) - 1):
+            axes.axhline(i + 0.5, color="#bbbbbb", linewidth=0.6)
+        axes.set(
+            xlabel=f"DS of the twin - DS of the original [points]{', with 95 % intervals' if has_ends else ''}",
+            ylabel="changed in the twin",
+            title=f"{title}: what each factor costs",
+        )
         figure.legend(loc="outside lower center", ncols=min(len(agents), 4), frameon=False)
         return save_figure(figure, stem)
 
