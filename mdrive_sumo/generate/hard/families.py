@@ -6,7 +6,7 @@ from mdrive_sumo.generate.hard import (
     families_crossings,
     families_junctions,
     families_queues,
-    families_two_lanes,
+    families_rows,
     riders,
 )
 from mdrive_sumo.generate.hard.family import ScenarioFamily
@@ -15,7 +15,7 @@ _ALL: tuple[ScenarioFamily, ...] = (
     *families_crossings.FAMILIES,
     *families_junctions.FAMILIES,
     *families_queues.FAMILIES,
-    *families_two_lanes.FAMILIES,
+    *families_rows.FAMILIES,
     *riders.FAMILIES,
 )
 

@@ -11,6 +11,7 @@ from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.start_boxes import build_box
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_parked_vehicle
 from mdrive_sumo.worlds.placement.lane_chains import build_route_line, compute_pose
+from mdrive_sumo.worlds.placement.occupancy import overlaps_building
 
 STEP_M = 0.1
 """[m] Between the places that are tried for the front of a row, ..."""
@@ -39,7 +40,8 @@ def build_row(
         if front_m - length < RIM_M:
             break
         pose = compute_pose(roads, conflict.other.lanes, front_m - length / 2, _move_aside(flank_m, width))
-        if shapely.distance(build_box(pose, length, width), path) < side_m - STEP_M:
+        box = build_box(pose, length, width)
+        if shapely.distance(box, path) < side_m - STEP_M or overlaps_building(box, roads):
             break
         made.append(build_parked_vehicle(f"standing{len(made)}", model, pose))
         front_m -= length + gap_m
