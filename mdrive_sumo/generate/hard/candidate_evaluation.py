@@ -1,9 +1,9 @@
 """Evaluate a candidate of the adversarial search: built, solved by `omniscient`, and how much the rules lose.
 
 First comes what rejects most in a second of processor time: build -> length -> danger (blind driving must do harm) ->
-feasibility (`omniscient`, seed 0) -> `single` (seed 0) -> certificate of need, which says the factor of the time limits
--> speeding and cautious drivers (a seed each) -> all rules (seed 0) -> feasibility with other seeds -> all rules with
-other seeds. Only what the choice needs is kept.
+feasibility (`omniscient`, seed 0) -> blind driving and `single` (seed 0, then others) -> certificate of need with
+the factor of the time limits -> speeding and cautious drivers (a seed each) -> rules that talk (seed 0) -> feasibility
+with other seeds -> rules that talk with other seeds. Only what the choice needs is kept.
 """
 
 import math
@@ -17,7 +17,6 @@ from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.generate.hard.candidate_probes import (
-    FIRST_PROBES,
     FIRST_SEED,
     PROBE_MODE,
     PROBE_OPTIONS,
@@ -25,6 +24,7 @@ from mdrive_sumo.generate.hard.candidate_probes import (
     PROBES,
     TALKING_NAMES,
     UNAIDED_NAMES,
+    UNAIDED_PROBES,
     VARIANTS,
     CandidateScores,
 )
@@ -222,7 +222,8 @@ def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
     solved, ticks = _solve(scenario, roads)
     final = set_time_limits(scenario, compute_time_limits(ticks))
     scores = CandidateScores(final, roads, ticks)
-    scores.drive(FIRST_PROBES, FIRST_SEED)
+    scores.drive(UNAIDED_PROBES, FIRST_SEED)
+    scores.drive(UNAIDED_PROBES, PROBE_SEEDS)
     need = certify_need(final, roads, solved)
     factor = choose_limit_factor(ticks, {route.ego: route.cautious_s for route in need.routes})
     if factor < MOST_FACTOR:
