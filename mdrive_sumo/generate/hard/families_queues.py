@@ -4,6 +4,7 @@ import math
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -16,8 +17,13 @@ from mdrive_sumo.generate.hard.junction_users import (
     CavColumn,
     build_columns,
 )
-from mdrive_sumo.generate.hard.sites.crossroads import choose_crossroads
-from mdrive_sumo.generate.hard.sites.junction_conflicts import JunctionConflict
+from mdrive_sumo.generate.hard.sites.crossroads import are_opposite, choose_crossroads
+from mdrive_sumo.generate.hard.sites.junction_conflicts import (
+    JunctionConflict,
+    choose_site,
+    find_junction_conflicts,
+    refuse_place,
+)
 from mdrive_sumo.generate.hard.streams import RoadUserStream, build_stream
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import RoadsideUnit
@@ -66,6 +72,10 @@ class QueueGap:
         own_m, lane_m = (float(np.interp(offset_m, rows[:, 2], rows[:, k])) for k in (0, 1))
         return own_m, lane_m
 
+    def find_offset(self, own_m: float) -> float:
+        """Return how far [m] a station of the route is to the left of the lanes."""
+        return float(np.interp(own_m, self.crossing[:, 0], self.crossing[:, 2]))
+
 
 def find_gap(roads: RoadMap, conflict: JunctionConflict) -> QueueGap:
     """Return the gap that a queue on the other way of a conflict leaves for the own way."""
@@ -83,13 +93,16 @@ def build_queue(
     free_m: float,
     flank_m: float,
     name: str = "queue",
+    also: Lanes = (),
 ) -> tuple[Actor, ...]:
     """Return the vehicles that stand before and behind a gap until the end.
 
     models: of those before it and behind it, from the gap on. free_m: from the line of a CAV to the nearest ones.
     flank_m: from the middle of the lane to the flanks past which a stream goes; negative: to the right.
+    also: another route that leads straight through the gap.
     """
     line, whole = _select_line(roads, gap), shapely.LineString(build_route_line(roads, gap.own).xy)
+    line = line.union(shapely.LineString(build_route_line(roads, also).xy)) if also else line
     end_m = compute_chain_length(roads, gap.lanes) - RIM_M
     actors: list[Actor] = []
     for step, chosen in zip((-1.0, 1.0), models, strict=True):
@@ -120,6 +133,7 @@ def _build_stream(
     """Return a column of CAVs and the stream behind the queue that they meet."""
     offset = flank_m + math.copysign(values["behind_m"] + BODIES[model].width / 2, flank_m)
     own_m, lane_m = gap.locate(offset)
+    passing = max(round(values["own"]), round(values.get("back", 0.0)))
     stream = RoadUserStream(
         gap.lanes,
         lane_m,
@@ -129,7 +143,7 @@ def _build_stream(
         values["due_s"] - values["before_s"],
         values["every_s"],
         max(round((values["before_s"] + values["flows_s"]) / values["every_s"]), 2),
-        values["pause_s"] + round(values["own"]) * PASS_S,
+        values["pause_s"] + passing * PASS_S,
     )
     column = CavColumn(gap.own, own_m, round(values["own"]), values["due_s"], values["headway_s"])
     return column, build_stream(roads, model, stream)
@@ -146,17 +160,65 @@ def stage_filtering_motorcycles(values: Values, seed: str, roads: RoadMap) -> Fa
     return FamilyScene(egos, (), (*queue, *riders), (_build_mast(roads, column, values),))
 
 
+@lru_cache(maxsize=128)
+def _find_left_turns(roads: RoadMap) -> tuple[JunctionConflict, ...]:
+    """Return the left turns across the way of the other direction of the same street."""
+    return tuple(
+        one
+        for one in find_junction_conflicts(roads)
+        if one.own.turn == "left" and one.other.turn == "straight" and are_opposite(roads, one.own, one.other)
+    )
+
+
+def stage_filtering_cyclists(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
+    """Return CAVs that turn left through the gap of the oncoming queue, past whose right flank pedelecs come."""
+    turns = _find_left_turns(roads)
+    if not turns:
+        raise refuse_place(roads, "a left turn across an oncoming lane")
+    gap = find_gap(roads, choose_site(turns, values["site"]))
+    column, riders = _build_stream(roads, gap, values, "bicycle", -FLANK_M)
+    queue = build_queue(roads, gap, _choose_models(values, seed), CAR.width / 2 + values["gap_m"], -FLANK_M)
+    return FamilyScene(build_columns(roads, (column,)), (), (*queue, *riders), (_build_mast(roads, column, values),))
+
+
+def stage_two_queues(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
+    """Return CAVs of both sides that cross two queues through gaps; mopeds filter between the queues."""
+    site = choose_crossroads(roads, values["site"], ("yield", "stop", "right-before-left"))
+    if site.far is None or site.back is None:
+        raise refuse_place(roads, "a crossing with lanes in both directions")
+    coming, other = sorted(site.others, key=lambda one: one.from_left)
+    facing = next(
+        one for one in find_junction_conflicts(roads) if (one.own, one.other) == (site.back.own, coming.other)
+    )
+    gap, beside, opposite = (find_gap(roads, one) for one in (coming, other, facing))
+    middle_m = gap.find_offset(beside.locate(0.0)[0]) / 2
+    flank_m = middle_m - values["behind_m"] - BODIES["moped"].width / 2
+    column, riders = _build_stream(roads, gap, values, "moped", flank_m)
+    back_m, due_s = opposite.locate(middle_m)[0], values["due_s"] + values["back_s"]
+    back = CavColumn(opposite.own, back_m, round(values["back"]), due_s, values["headway_s"])
+    free_m, also = CAR.width / 2 + values["gap_m"], site.back.own.lanes
+    queues = [
+        build_queue(roads, one, _choose_models(values, f"{seed}/{name}", True), free_m, flank_m, name, also)
+        for one, name in ((gap, "queue"), (beside, "beside"))
+    ]
+    egos = build_columns(roads, (column, back))
+    return FamilyScene(egos, (), (*queues[0], *queues[1], *riders), (_build_mast(roads, column, values),))
+
+
 def _build_mast(roads: RoadMap, column: CavColumn, values: Values) -> RoadsideUnit:
     """Return a roadside unit above the route of a column, as far beyond the stream as `mast_m` says."""
     return build_mast("rsu", compute_pose(roads, column.lanes, column.at_m + values["mast_m"]))
 
 
-def _choose_models(values: Values, seed: str) -> tuple[list[str], list[str]]:
-    """Return the models before and behind a gap: high ones beside it, and as many as the queue is long."""
+def _choose_models(values: Values, seed: str, hides_both: bool = False) -> tuple[list[str], list[str]]:
+    """Return the models before and behind a gap: high ones beside it, and as many as the queue is long.
+
+    hides_both: behind it too.
+    """
     rng = random.Random(f"{seed}/queue")
     before, behind = (["bus", rng.choice(HIGH), *rng.choices(MODELS, k=MOST_QUEUED)] for _ in range(2))
-    ends_m = np.cumsum([BODY_SIZES[model][0] + QUEUE_GAP_M for model in before])
-    return before[: int(np.searchsorted(ends_m, values["queue_m"])) + 1], behind[:BEHIND]
+    count = int(np.searchsorted(np.cumsum([BODY_SIZES[model][0] for model in before]), values["queue_m"])) + 1
+    return before[:count], behind[: count if hides_both else BEHIND]
 
 
 _STREAM = (
@@ -176,6 +238,17 @@ _CROSSINGS = tuple(
     PlaceChoice("crossing", {"arms": 4, "control": control, "area": area, "speed_kmh": 50})
     for control, area in (("priority", "town"), ("stop", "town"), ("priority", "suburb"))
 )
+_CYCLE_PLACES = (
+    *(
+        PlaceChoice(
+            "crossing", {"arms": 4, "control": "priority", "area": area, "speed_kmh": 50, "beside": "cycle_lanes"}
+        )
+        for area in ("old_town", "town", "suburb")
+    ),
+    PlaceChoice("crossing", {"arms": 3, "control": "priority", "area": "town", "speed_kmh": 50}),
+    OLD_TOWNS[0],
+    OLD_TOWNS[2],
+)
 
 FAMILIES = (
     ScenarioFamily(
@@ -192,5 +265,37 @@ FAMILIES = (
             FamilyParameter("every_s", 0.7, 1.1, "s", "time between two motorcycles"),
         ),
         stage_filtering_motorcycles,
+    ),
+    ScenarioFamily(
+        "filtering-cyclists",
+        "CAVs turn left through the gap of the oncoming queue, past which cyclists ride on the side of the kerb.",
+        _CYCLE_PLACES,
+        (
+            SITE,
+            _OWN,
+            _DUE,
+            HEADWAY,
+            *_STREAM,
+            FamilyParameter("speed", 7.0, 9.0, "m/s", "speed of the cyclists, on pedelecs"),
+            FamilyParameter("every_s", 0.7, 1.1, "s", "time between two cyclists"),
+        ),
+        stage_filtering_cyclists,
+    ),
+    ScenarioFamily(
+        "two-queues",
+        "CAVs of a minor street cross two standing queues through gaps; between the queues mopeds filter.",
+        (*OLD_TOWNS[:2], *_CROSSINGS),  # streets of corridors end at the main one
+        (
+            SITE,
+            name_number("own", 1.5, 3.4, "on the first approach"),
+            name_number("back", 1.0, 3.4, "on the opposite approach"),
+            FamilyParameter("back_s", -0.5, 1.5, "s", "how much later those on the opposite approach are due"),
+            _DUE,
+            HEADWAY,
+            *_STREAM,
+            FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the mopeds"),
+            FamilyParameter("every_s", 0.6, 0.9, "s", "time between two mopeds"),
+        ),
+        stage_two_queues,
     ),
 )
