@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 from mdrive_sumo.generate.hard import (
-    families_crossings,
     families_junctions,
     families_queues,
     families_rows,
@@ -12,7 +11,6 @@ from mdrive_sumo.generate.hard import (
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 
 _ALL: tuple[ScenarioFamily, ...] = (
-    *families_crossings.FAMILIES,
     *families_junctions.FAMILIES,
     *families_queues.FAMILIES,
     *families_rows.FAMILIES,

@@ -1,7 +1,4 @@
-"""Families at junctions that queues block, and on ways with several junctions."""
-
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+"""Families at junctions that queues block."""
 
 from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
@@ -17,7 +14,6 @@ from mdrive_sumo.generate.hard.junction_parameters import (
     name_number,
 )
 from mdrive_sumo.generate.hard.junction_users import (
-    MAST_M,
     QUEUE,
     QUEUE_GAP_M,
     SETS_OFF_S,
@@ -27,32 +23,23 @@ from mdrive_sumo.generate.hard.junction_users import (
     build_masts,
     build_queued_vehicle,
     build_traffic_on,
-    build_waiting_vehicle,
     compute_due_behind,
 )
 from mdrive_sumo.generate.hard.sites.crossroads import choose_crossroads
 from mdrive_sumo.generate.hard.sites.junction_conflicts import (
     JunctionConflict,
-    choose_site,
-    find_junction_conflicts,
     refuse_place,
 )
-from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, compute_timing, find_junction_ways
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.start_boxes import CAR
-from mdrive_sumo.worlds.placement.bodies import build_mast, space_vehicles
+from mdrive_sumo.worlds.placement.bodies import space_vehicles
 from mdrive_sumo.worlds.placement.lane_chains import (
     compute_chain_length,
-    compute_lane_begins,
-    compute_pose,
-    find_station,
 )
 
 RIM_M = 8.0
 """[m] No vehicle of a queue has its middle this close to an end of its lanes: a bus is 12 m long."""
-FAST_MPS = 13.0
-"""[m/s] Least speed limit of a way across several streets: at 30 km/h CAVs stop for what they see."""
 
 
 def stage_blocked_junction(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
@@ -113,75 +100,8 @@ def _build_queue(roads: RoadMap, gap: JunctionConflict, values: Values) -> tuple
     )
 
 
-def stage_crossing_series(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
-    """Return CAVs that meet hidden vehicles at several crossings one after the other."""
-    series = list(_find_series(roads))
-    if not series:
-        raise refuse_place(roads, "a way across two streets or more")
-    way, conflicts = choose_site(series, values["site"])
-    timing = compute_timing(roads, way.lanes)
-    (one, first), *others = conflicts
-    columns = [CavColumn(way.lanes, first, round(values["own"]), values["due_s"], values["headway_s"], goal_m=400.0)]
-    due_s = values["due_s"] + values["gap0_s"]
-    meeting = (one.other.lanes, one.other_m)
-    speed = max(one.other.limit, values["fast"])
-    hidden = [build_due_vehicle(roads, "hidden0", "car", meeting, due_s, speed)]
-    if values["mast"] < 0.5:
-        behind_s = compute_due_behind(roads, hidden[0], meeting, values["behind_s"])
-        columns.append(CavColumn(*meeting, round(values["witnesses"]), behind_s, values["headway_s"]))
-    egos = build_columns(roads, columns)
-    start_m = find_station(roads, way.lanes, egos[0].start.x, egos[0].start.y)
-    for k, (conflict, station) in enumerate(others, start=1):
-        mean_speed = (station - start_m) / timing.compute_between(start_m, station)
-        met_m = station - start_m + values[f"gap{k}_s"] * mean_speed
-        ways = (conflict.other.lanes, conflict.other_m)
-        speed = max(conflict.other.limit, values["fast"])
-        hidden.append(build_waiting_vehicle(roads, f"hidden{k}", "car", ways, egos[0], (met_m, mean_speed), speed))
-    masts = tuple(
-        build_mast(f"rsu{k}", compute_pose(roads, way.lanes, station, MAST_M))
-        for k, (_, station) in enumerate(conflicts)
-        if k or values["mast"] >= 0.5
-    )
-    vehicles = build_traffic_on(roads, [way], values["flow"], seed, (*egos, *hidden))
-    return FamilyScene(egos, vehicles, tuple(hidden), masts)
-
-
-def _find_series(roads: RoadMap) -> Iterator[tuple[JunctionWay, list[tuple[JunctionConflict, float]]]]:
-    """Yield straight ways with the crossings on them, two or three: the conflict from the right or, without one, from
-    the left, and its station [m]."""
-    crossings = [
-        one
-        for one in find_junction_conflicts(roads)
-        if one.is_crossing and one.own.turn == one.other.turn == "straight"
-    ]
-    for way in find_junction_ways(roads):
-        if way.turn != "straight" or way.index != 0 or way.limit < FAST_MPS:
-            continue
-        begins = dict(zip(way.lanes, compute_lane_begins(roads, way.lanes), strict=True))
-        steps = set(pairwise(way.lanes))
-        by_junction: dict[str, tuple[JunctionConflict, float]] = {}
-        for one in sorted(crossings, key=lambda x: x.from_left):
-            if (one.own.approach, one.own.inside) in steps:
-                station = begins[one.own.inside] + one.own_m - one.own.stop_m
-                by_junction.setdefault(one.own.junction, (one, station))
-        met = sorted(by_junction.values(), key=lambda pair: pair[1])[:3]
-        if len(met) >= 2:
-            yield way, met
-
-
 _ONCOMING = name_number("oncoming", 1.0, 3.0, "behind the hidden vehicle")
 _OWN = name_number("own", 2.0, 5.0, "in the column that has to cross")
-_SERIES_PLACES = tuple(
-    PlaceChoice("town_block", {"area": area, "control": control, "columns": 3, "keeps_sight": False})
-    for area, control in (("old_town", "main_street"), ("town", "main_street"), ("suburb", "main_street"))
-)
-
-
-def _list_gaps(names: Sequence[str]) -> Iterator[FamilyParameter]:
-    for name in names:
-        yield FamilyParameter(name, -0.5, 0.5, "s", "how much later than the first CAV a hidden vehicle is due")
-
-
 _QUEUE_PLACES = (
     *OLD_TOWNS,
     PlaceChoice("crossing", {"arms": 4, "control": "priority", "area": "town", "speed_kmh": 50}),
@@ -225,23 +145,5 @@ FAMILIES = (
             name_flow(0.0, 300.0, "the lane that moves"),
         ),
         stage_gap_platoons,
-    ),
-    ScenarioFamily(
-        "crossing-series",
-        "CAVs drive across two or three streets, and at each meet a vehicle that corner houses hide.",
-        _SERIES_PLACES,
-        (
-            SITE,
-            _OWN,
-            FamilyParameter("due_s", 2.4, 3.6, "s", "time after which the first CAV is due at the first street"),
-            HEADWAY,
-            *_list_gaps(("gap0_s", "gap1_s", "gap2_s")),
-            FamilyParameter("fast", 11.0, 15.0, "m/s", "least speed of the hidden vehicles"),
-            name_number("witnesses", 1.0, 3.0, "behind the first hidden vehicle"),
-            MAST,
-            FamilyParameter("behind_s", 1.0, 2.2, "s", "how much later than a hidden vehicle the CAV behind it is due"),
-            name_flow(0.0, 200.0, "the way of the CAVs"),
-        ),
-        stage_crossing_series,
     ),
 )

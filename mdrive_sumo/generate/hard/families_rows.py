@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
-from mdrive_sumo.generate.hard.junction_parameters import MAST, SITE, name_number
+from mdrive_sumo.generate.hard.junction_parameters import SITE, name_number
 from mdrive_sumo.generate.hard.junction_users import CavColumn, build_columns
 from mdrive_sumo.generate.hard.sites.crossroads import are_opposite
 from mdrive_sumo.generate.hard.sites.junction_conflicts import (
@@ -28,8 +28,6 @@ HIGH = ("truck", "bus")
 """Models of vehicles that stand: a LiDAR on a roof does not look over them."""
 ROW_GAP_M = 1.0
 """[m] Between them."""
-MAST_ASIDE_M = 6.0
-"""[m] From the stream to the roadside unit on its other side: above the lane, each lorry would hide the next one."""
 Fits = Callable[[RoadMap, JunctionConflict], bool]
 
 
@@ -102,8 +100,9 @@ def _stage(values: Values, seed: str, roads: RoadMap, fits: Fits, left: float) -
     columns = [CavColumn(one.own.lanes, one.own_m, round(values["own"]), values["due_s"], values["headway_s"])]
     egos = build_columns(roads, columns)
     actors = _build_hidden_stream(roads, one, left, values, (seed, ""))
-    masts = _build_masts(roads, one, -left * MAST_ASIDE_M, values)
-    return FamilyScene(egos, (), actors, masts, one.own.control == "traffic-light")
+    return FamilyScene(
+        egos, (), actors, _build_masts(roads, one, -left * values["mast_m"]), one.own.control == "traffic-light"
+    )
 
 
 def _build_hidden_stream(
@@ -156,12 +155,11 @@ def stage_both_sides(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
         *_build_hidden_stream(roads, one, -1.0, values, (seed, "")),
         *_build_hidden_stream(roads, back, -1.0, values, (seed, "-back")),
     )
-    return FamilyScene(egos, (), actors, _build_masts(roads, one, MAST_ASIDE_M, values))
+    return FamilyScene(egos, (), actors, _build_masts(roads, one, values["mast_m"]))
 
 
-def _build_masts(roads: RoadMap, one: JunctionConflict, aside_m: float, values: Values) -> tuple[RoadsideUnit, ...]:
-    if values["mast"] < 0.5:
-        return ()
+def _build_masts(roads: RoadMap, one: JunctionConflict, aside_m: float) -> tuple[RoadsideUnit, ...]:
+    """Return a roadside unit so far to the left of the middle of the stream."""
     return (build_mast("rsu", compute_pose(roads, one.other.lanes, one.other_m, aside_m)),)
 
 
@@ -188,7 +186,9 @@ _PARAMETERS = (
     FamilyParameter("lasts_s", 5.5, 8.0, "s", "from the first CAV to the last vehicle of the stream"),
     FamilyParameter("every_s", 1.4, 2.0, "s", "time between two vehicles of the stream"),
     FamilyParameter("buses", 0.0, 1.0, "", "whether the stream is of buses (from 0.5 on) or of lorries"),
-    MAST,
+    FamilyParameter(
+        "mast_m", 1.5, 6.5, "m", "from the stream to the mast: if it is near, each lorry hides the next one"
+    ),
 )
 _TWO_LANES = (
     _choose_crossing("old_town", "priority", keeps_sight=False),

@@ -11,15 +11,13 @@ from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
 from mdrive_sumo.scenario.start_boxes import CAR
-from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_arrival_trigger, build_driving_actor, build_mast
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_driving_actor, build_mast
 from mdrive_sumo.worlds.placement.cavs import NoRoomError, build_cav
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_station
 from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow, build_flows
 
 RIM_M = 5.0
 """[m] Least distance of a vehicle's centre from the beginning of its lanes, and of a goal from their end."""
-ACCELERATION = 2.6
-"""[m/s2] Of scripted vehicles (`actors.kinematic_limits`)."""
 MAST_M = 0.5
 """[m] A roadside unit hangs this far from the conflict, above the junction."""
 QUEUE = ("bus", "truck", "van", "car", "truck", "van", "car")
@@ -104,28 +102,6 @@ def compute_due_behind(roads: RoadMap, ahead: Actor, way: tuple[Lanes, float], b
     timing = compute_timing(roads, way[0])
     start_m = find_station(roads, way[0], ahead.start.x, ahead.start.y)
     return timing.compute_between(start_m, way[1]) + behind_s
-
-
-def build_waiting_vehicle(
-    roads: RoadMap,
-    name: str,
-    model: str,
-    way: tuple[Lanes, float],
-    cav: Ego,
-    meeting: tuple[float, float],
-    speed: float,
-) -> Actor:
-    """Return a vehicle that is not connected, stands where its lanes begin, and sets off so that it reaches a station
-    of them when a CAV is due at a place of its route.
-
-    way: lanes and the station [m] at which it is due. meeting: distance [m] of the place along the CAV's route, and
-    mean speed [m/s] of the CAV on the way there.
-    """
-    lanes, at_m = way
-    start_m = BODY_SIZES[model][0] / 2 + 1.0
-    needed_s = (at_m - start_m) / speed + speed / (2 * ACCELERATION)
-    trigger = build_arrival_trigger(cav, meeting[0] - needed_s * meeting[1])
-    return build_driving_actor(roads, name, model, (lanes, start_m, speed), trigger=trigger, action=StartMotion())
 
 
 def build_queued_vehicle(
