@@ -32,8 +32,8 @@ from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring.metrics import METRICS, InfractionMetric
 from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
 from mdrive_sumo.sensing.sensor_kinds import derive_sensing_track
-from mdrive_sumo.study.need_certificate import NeedCertificate, Proof, load_need
-from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
+from mdrive_sumo.study.need_certificate import NeedCertificate, NeedCertificateFile, Proof
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, OcclusionCertificateFile
 
 STATISTICS_HEADER: Sequence[str] = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
 
@@ -75,7 +75,7 @@ def _list_scenarios(suite: str, occluded: bool | None = None) -> str:
     loaded = load_suite(suite)
     if is_hard_suite(loaded):
         return _list_hard_scenarios(loaded, occluded)
-    certificates = load_certificates(loaded)
+    certificates = OcclusionCertificateFile.load(loaded)
     unknown = [part.name for part in loaded.parts or (loaded,) if part.scenarios[0].id not in certificates]
     if occluded is not None and unknown:
         raise InputError(
@@ -106,7 +106,7 @@ def _list_hard_scenarios(suite: Suite, occluded: bool | None) -> str:
         raise InputError(
             f"suite {suite.label}: --occluded: expected a suite with {CERTIFICATE_FILE}, found the hard tier"
         )
-    need = load_need(suite)
+    need = NeedCertificateFile.load(suite)
     header = ("scenario", "category", "network", *STATISTICS_HEADER[1:2], *STATISTICS_HEADER[3:], *NEED_HEADER)
     rows = [(*_make_scenario_row(scenario), *_format_need(need.get(scenario.id))) for scenario in suite.scenarios]
     counts = Counter(certificate.proves for certificate in need.values())

@@ -26,7 +26,7 @@ from mdrive_sumo.runs.run_folder import check_run_folder
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.study.certified_failures import build_failure_table
-from mdrive_sumo.study.need_certificate import load_need
+from mdrive_sumo.study.need_certificate import NeedCertificateFile
 
 CERTIFIED_LEGEND = (
     "drives of CAVs of which a certificate of need proves something (docs/hard-certificates.md), by how they end:\n"
@@ -95,7 +95,7 @@ def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | N
     echo(format_summary(results, shares))
     if failures := format_agent_failures(results, folder):
         echo("\n" + failures)
-    certified = build_failure_table(results.scenarios, load_need(run.suite))
+    certified = build_failure_table(results.scenarios, NeedCertificateFile.load(run.suite))
     if certified is not None:
         echo(f"\n{format_text(certified)}\n\n{CERTIFIED_LEGEND}")
     if out is not None:

@@ -26,13 +26,8 @@ from mdrive_sumo.scenario.reference_times import (
 )
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
-from mdrive_sumo.study.need_certificate import NEED_FILE, NeedCertificateFile, read_need, save_need
-from mdrive_sumo.study.occlusion_certificate import (
-    CERTIFICATE_FILE,
-    OcclusionCertificateFile,
-    read_certificates,
-    save_certificates,
-)
+from mdrive_sumo.study.need_certificate import NEED_FILE, NeedCertificateFile
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificateFile
 
 
 @click.command("validate")
@@ -118,25 +113,13 @@ def _format_validation(validation: ScenarioValidation) -> str:
 
 
 def _write_certificates(suite: Suite, validations: Sequence[ScenarioValidation]) -> None:
-    """Write certificates in the order of the suite, of all its scenarios that could be driven now or before."""
-    before = read_certificates(suite.folder)
-    by_name = {certificate.scenario: certificate for certificate in before.certificates} if before else {}
-    by_name |= {validation.scenario: validation.certificate for validation in validations}
-    kept = tuple(c for c in (by_name.get(scenario.id) for scenario in suite.scenarios) if c is not None)
-    with report_write_errors(suite.folder / CERTIFICATE_FILE):
-        save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
-    echo(f"{suite.folder / CERTIFICATE_FILE}  {len(kept)} certificates")
+    count = OcclusionCertificateFile.write(suite, {one.scenario: one.certificate for one in validations})
+    echo(f"{suite.folder / CERTIFICATE_FILE}  {count} certificates")
 
 
 def _write_need(suite: Suite, validations: Sequence[ScenarioValidation]) -> None:
-    """Write certificates of need in the order of the suite, of all its scenarios that could be driven now or before."""
-    before = read_need(suite.folder)
-    by_name = {certificate.scenario: certificate for certificate in before.certificates} if before else {}
-    by_name |= {validation.scenario: validation.hard.need for validation in validations if validation.hard is not None}
-    kept = tuple(by_name[scenario.id] for scenario in suite.scenarios if scenario.id in by_name)
-    with report_write_errors(suite.folder / NEED_FILE):
-        save_need(suite.folder, NeedCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
-    echo(f"{suite.folder / NEED_FILE}  {len(kept)} certificates")
+    found = {one.scenario: one.hard.need for one in validations if one.hard is not None}
+    echo(f"{suite.folder / NEED_FILE}  {NeedCertificateFile.write(suite, found)} certificates")
 
 
 def _write_reference_times(suite: Suite, validations: Sequence[ScenarioValidation]) -> None:

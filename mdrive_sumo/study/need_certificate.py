@@ -37,9 +37,8 @@ drivers that leave their route, mount a LiDAR elsewhere, or, for `conflict`, spe
 Bounds err on the side of not certifying, except where time is sampled: boxes are compared at recorded ticks, and a
 witness's line of sight at both ends of half a second. Other traffic moves as in the reference in all worlds.
 
-For `validate` and `generate --hard`: `certify_need` takes the scenario with its time limits and the reference drive;
-`save_need`, `read_need` and `load_need` handle `need.json` as those of `study.occlusion_certificate` handle
-`occlusion.json`. Other time limits make other certificates; `find_cautious_arrival` does not depend on them.
+For `validate` and `generate --hard`: `certify_need` takes the scenario with its time limits and the reference drive.
+Other time limits make other certificates; `find_cautious_arrival` does not depend on them.
 """
 
 import math
@@ -47,19 +46,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import model_validator
 
 from mdrive_sumo.core.geometry import wrap_angles
-from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.scenario import Scenario, load_model
-from mdrive_sumo.scenario.suite import Suite
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.study.certificate_file import CertificateFile, CertificatePart, ScenarioCertificate
 from mdrive_sumo.study.need.cautious_arrival import NeedContext, RouteAnalysis, find_cautious_arrival
 from mdrive_sumo.study.need.conflict_zone import ConflictZone
 from mdrive_sumo.study.need.crossing_search import CrossingSearch
@@ -75,9 +72,6 @@ __all__ = [
     "Proof",
     "certify_need",
     "find_cautious_arrival",
-    "load_need",
-    "read_need",
-    "save_need",
 ]
 
 NEED_FILE = "need.json"
@@ -92,10 +86,6 @@ CURVE_STEPS = 5
 """Metres over which a curvature is the mean."""
 
 
-class _FilePart(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
-
 class Proof(StrEnum):
     """What is proven of drivers without messages; see the module."""
 
@@ -105,7 +95,7 @@ class Proof(StrEnum):
     """No speed profile is both safe against every road user that may be hidden, and in time."""
 
 
-class NeedConflict(_FilePart):
+class NeedConflict(CertificatePart):
     """A CAV and another road user whose drives cross, where something is proven."""
 
     ego: str
@@ -134,7 +124,7 @@ class NeedConflict(_FilePart):
     """How many seconds earlier than its own sensors a message tells the CAV of the road user in the reference drive."""
 
 
-class NeedRoute(_FilePart):
+class NeedRoute(CertificatePart):
     """What a CAV without messages can do on its whole route."""
 
     ego: str
@@ -164,10 +154,9 @@ class NeedRoute(_FilePart):
         return Proof.ALL if can_arrive and (cautious_s is None or cautious_s > self.time_limit_s) else None
 
 
-class NeedCertificate(_FilePart):
+class NeedCertificate(ScenarioCertificate):
     """What is proven of a scenario."""
 
-    scenario: str
     routes: tuple[NeedRoute, ...] = ()
     """All CAVs, in the order of the scenario."""
     conflicts: tuple[NeedConflict, ...]
@@ -199,12 +188,11 @@ def _find_strongest(proofs: Iterable[Proof | None]) -> Proof | None:
     return next((proof for proof in (Proof.ALL, Proof.CONFLICT) if proof in found), None)
 
 
-class NeedCertificateFile(_FilePart):
+class NeedCertificateFile(CertificateFile[NeedCertificate]):
     """`need.json` of a suite."""
 
+    NAME = NEED_FILE
     format: Literal["mdrive-sumo/need/2"] = "mdrive-sumo/need/2"
-    suite_checksum: str
-    certificates: tuple[NeedCertificate, ...]
 
     @model_validator(mode="before")
     @classmethod
@@ -221,14 +209,6 @@ class NeedCertificateFile(_FilePart):
             return data
         return {"suite_checksum": data.get("suite_checksum"), "certificates": kept}
 
-    def of(self, suite: Suite) -> Mapping[str, NeedCertificate]:
-        """Return the certificates by scenario id; none if they belong to another version of the suite."""
-        return (
-            {certificate.scenario: certificate for certificate in self.certificates}
-            if self.suite_checksum == suite.checksum()
-            else {}
-        )
-
 
 def _convert_conflicts(conflicts: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return the conflicts of format 1 that are blind, as those of format 2."""
@@ -238,32 +218,6 @@ def _convert_conflicts(conflicts: Iterable[Mapping[str, Any]]) -> list[dict[str,
         for conflict in conflicts
         if conflict["is_blind"]
     ]
-
-
-def load_need(suite: Suite) -> Mapping[str, NeedCertificate]:
-    """Return the certificates beside a suite or its parts by scenario id; none of a suite that has changed since.
-
-    Raises InputError for an unreadable file.
-    """
-    files = ((part, read_need(part.folder)) for part in suite.parts or (suite,))
-    return {
-        name: certificate for part, file in files if file is not None for name, certificate in file.of(part).items()
-    }
-
-
-def read_need(folder: Path) -> NeedCertificateFile | None:
-    """Return the certificates in a suite's folder, also of another version of the suite. Raises InputError."""
-    path = folder / NEED_FILE
-    if not path.is_file():
-        return None
-    return load_model(path, NeedCertificateFile)
-
-
-def save_need(folder: Path, content: NeedCertificateFile) -> None:
-    """Write `need.json`, one certificate a line."""
-    lines = ",\n".join(certificate.model_dump_json() for certificate in content.certificates)
-    head = content.model_dump_json(include={"format", "suite_checksum"})
-    write_text(folder / NEED_FILE, f'{head[:-1]},"certificates":[\n{lines}\n]}}\n')
 
 
 def certify_need(

@@ -8,25 +8,22 @@ become collisions, and the omniscient one, where conflicts are resolved. `mdrive
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
-from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
 from mdrive_sumo.episode.episode_options import EpisodeOptions, StationIds
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.scenario import Scenario, load_model
-from mdrive_sumo.scenario.suite import Suite
+from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sensing.observation_builder import build_sensing_frame
 from mdrive_sumo.sensing.sensing_frame import SensorPose
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
+from mdrive_sumo.study.certificate_file import CertificateFile, CertificatePart, ScenarioCertificate
 
 CERTIFICATE_FILE = "occlusion.json"
 EVERY_TICKS = 4
@@ -51,11 +48,7 @@ REFERENCE_OPTIONS = EpisodeOptions(sensing=SensingProfile.PERFECT, station_ids=S
 which `omniscient` orders CAVs that are equal in everything else."""
 
 
-class _FilePart(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class OccludedInterval(_FilePart):
+class OccludedInterval(CertificatePart):
     """`actor` is hidden from `ego` from start_s to end_s, is known to each of `by`, and is met at conflict_s."""
 
     drive: ReferenceDrive
@@ -73,10 +66,9 @@ class OccludedInterval(_FilePart):
         return self.end_s - self.start_s >= MIN_INTERVAL_S and self.conflict_s - self.end_s < MAX_LEAD_S
 
 
-class OcclusionCertificate(_FilePart):
+class OcclusionCertificate(ScenarioCertificate):
     """All occluded intervals of a scenario."""
 
-    scenario: str
     hidden: tuple[OccludedInterval, ...]
 
     @property
@@ -95,46 +87,11 @@ class OcclusionCertificate(_FilePart):
         return any(set(interval.by) - {interval.actor} for interval in self.hidden if interval.matters)
 
 
-class OcclusionCertificateFile(_FilePart):
+class OcclusionCertificateFile(CertificateFile[OcclusionCertificate]):
     """`occlusion.json` of a suite."""
 
+    NAME = CERTIFICATE_FILE
     format: Literal["mdrive-sumo/occlusion/1"] = "mdrive-sumo/occlusion/1"
-    suite_checksum: str
-    certificates: tuple[OcclusionCertificate, ...]
-
-    def of(self, suite: Suite) -> Mapping[str, OcclusionCertificate]:
-        """Return the certificates by scenario id; none if they belong to another version of the suite."""
-        return (
-            {certificate.scenario: certificate for certificate in self.certificates}
-            if self.suite_checksum == suite.checksum()
-            else {}
-        )
-
-
-def load_certificates(suite: Suite) -> Mapping[str, OcclusionCertificate]:
-    """Return the certificates beside a suite or its parts by scenario id; none of a suite that has changed since.
-
-    Raises InputError for an unreadable file.
-    """
-    files = ((part, read_certificates(part.folder)) for part in suite.parts or (suite,))
-    return {
-        name: certificate for part, file in files if file is not None for name, certificate in file.of(part).items()
-    }
-
-
-def read_certificates(folder: Path) -> OcclusionCertificateFile | None:
-    """Return the certificates in a suite's folder, also of another version of the suite. Raises InputError."""
-    path = folder / CERTIFICATE_FILE
-    if not path.is_file():
-        return None
-    return load_model(path, OcclusionCertificateFile)
-
-
-def save_certificates(folder: Path, content: OcclusionCertificateFile) -> None:
-    """Write `occlusion.json`, one certificate per line."""
-    lines = ",\n".join(certificate.model_dump_json() for certificate in content.certificates)
-    head = content.model_dump_json(include={"format", "suite_checksum"})
-    write_text(folder / CERTIFICATE_FILE, f'{head[:-1]},"certificates":[\n{lines}\n]}}\n')
 
 
 def find_occluded_intervals(

@@ -22,8 +22,8 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scenario.weather import WEATHERS, Weather
 from mdrive_sumo.study.need.occluders import find_opaque
-from mdrive_sumo.study.need_certificate import load_need
-from mdrive_sumo.study.occlusion_certificate import EVERY_TICKS, load_certificates
+from mdrive_sumo.study.need_certificate import NeedCertificateFile
+from mdrive_sumo.study.occlusion_certificate import EVERY_TICKS, OcclusionCertificateFile
 
 Pair = tuple[str, str]
 """A CAV and a road user that is hidden from it."""
@@ -86,9 +86,9 @@ class Twin:
 def list_hidden_pairs(suite: Suite) -> Mapping[str, frozenset[Pair]]:
     """Return the pairs of the certificates beside a suite or its parts, by scenario id. Raises InputError."""
     pairs: dict[str, set[Pair]] = {scenario.id: set() for scenario in suite.scenarios}
-    for name, need in load_need(suite).items():
+    for name, need in NeedCertificateFile.load(suite).items():
         pairs[name] |= {(conflict.ego, conflict.road_user) for conflict in need.conflicts}
-    for name, certificate in load_certificates(suite).items():
+    for name, certificate in OcclusionCertificateFile.load(suite).items():
         pairs[name] |= {(hidden.ego, hidden.actor) for hidden in certificate.hidden if hidden.matters}
     return {name: frozenset(found) for name, found in pairs.items()}
 

@@ -35,8 +35,8 @@ from mdrive_sumo.scenario.scenario import load_model, load_scenario
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import load_results
 from mdrive_sumo.study.human.human_study_folder import HumanStudyFolder
-from mdrive_sumo.study.need_certificate import read_need
-from mdrive_sumo.study.occlusion_certificate import read_certificates
+from mdrive_sumo.study.need_certificate import NeedCertificateFile
+from mdrive_sumo.study.occlusion_certificate import OcclusionCertificateFile
 from mdrive_sumo.worlds.places import read_place
 from real2sim.pipeline.quality_file import load_quality
 from server.archive import ArchiveLimits, check_archive
@@ -75,12 +75,12 @@ READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
     "recipe/1": (lambda: load_recipe(KEPT / "recipe.json").id, "construction_03"),
     "hard-recipe/2": (lambda: load_hard_recipe(KEPT / "hard_recipe.json").place.kind, "crossing"),
     "reference-times/1": (lambda: len(read_reference_times(KEPT).scenarios), 1),  # pyright: ignore[reportOptionalMemberAccess]
-    "need/1": (lambda: len(read_need(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
-    "need/2": (lambda: str(read_need(KEPT / "need_2").certificates[0].proves), "all"),  # pyright: ignore[reportOptionalMemberAccess]
+    "need/1": (lambda: len(NeedCertificateFile.read(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
+    "need/2": (lambda: str(NeedCertificateFile.read(KEPT / "need_2").certificates[0].proves), "all"),  # pyright: ignore[reportOptionalMemberAccess]
     "human-study/1": (lambda: HumanStudyFolder.open_existing(KEPT / "human_study").drivers, "persons"),
     "human-study-plan/1": (lambda: HumanStudyFolder.open_existing(KEPT / "human_study").plan.title, "A small study"),
     "human-study-progress/1": (lambda: read_answers(KEPT / "human_study"), {"safe": 6.0}),
-    "occlusion/1": (lambda: len(read_certificates(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
+    "occlusion/1": (lambda: len(OcclusionCertificateFile.read(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
 }
 """By format: what reads the example, and one thing that it says."""
 NOT_KEPT = {

@@ -7,7 +7,7 @@ from mdrive_sumo.generate.generated_suite import write_generated_suite
 from mdrive_sumo.generate.hard.hard_selection import ChosenCandidate
 from mdrive_sumo.scenario.reference_times import save_reference_times
 from mdrive_sumo.scenario.suite import Suite, SuiteFile
-from mdrive_sumo.study.need_certificate import NeedCertificateFile, save_need
+from mdrive_sumo.study.need_certificate import NeedCertificateFile
 
 
 def write_hard_suite(about: SuiteFile, chosen: Sequence[ChosenCandidate], folder: Path) -> Suite:
@@ -16,8 +16,7 @@ def write_hard_suite(about: SuiteFile, chosen: Sequence[ChosenCandidate], folder
 
     def add_files(sealed: Suite) -> None:
         save_reference_times(sealed, {name: found.reference_ticks for name, found in figures.items()})
-        certificates = tuple(figures[scenario.id].need for scenario in sealed.scenarios)
-        save_need(sealed.folder, NeedCertificateFile(suite_checksum=sealed.checksum(), certificates=certificates))
+        NeedCertificateFile.write(sealed, {name: found.need for name, found in figures.items()})
 
     networks = {one.place.name: one.place.folder for one in chosen}
     made = [(one.recipe, one.scenario) for one in chosen]

@@ -20,7 +20,7 @@ from mdrive_sumo.generate.validation.scenario_validation import ScenarioValidati
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.season import FIRST_SEASON
 from mdrive_sumo.scenario.suite import Suite
-from mdrive_sumo.study.need_certificate import NEED_FILE, Proof, load_need, read_need
+from mdrive_sumo.study.need_certificate import NEED_FILE, NeedCertificateFile, Proof
 
 HARD_SUITE = "hard"
 """Name of the suites that come with mdrive-sumo."""
@@ -47,7 +47,7 @@ def find_hard_problems(
 def describe_hard_suite(suite: Suite) -> str:
     """Return a remark about a suite of the hard tier."""
     categories = len({scenario.category for scenario in suite.scenarios})
-    certificates = load_need(suite)
+    certificates = NeedCertificateFile.load(suite)
     holding = [one for one in certificates.values() if one.holds]
     return (
         f"{len(suite)} scenarios in {categories} categories on {len({one.network for one in suite.scenarios})} places,"
@@ -60,7 +60,7 @@ def _check_need(
     suite: Suite, examined: Sequence[ScenarioValidation], remedy: str, must_be_complete: bool
 ) -> Iterator[str]:
     """Check whether the stored certificates belong to the suite and are still true."""
-    file = read_need(suite.folder)
+    file = NeedCertificateFile.read(suite.folder)
     if file is None:
         if must_be_complete:
             yield f"expected {NEED_FILE}, as in every packaged suite of the hard tier, found none; {remedy}"
@@ -99,7 +99,7 @@ def _count_scenarios(suite: Suite) -> Iterator[str]:
 
 
 def _count_proven(suite: Suite) -> Iterator[str]:
-    certificates = load_need(suite)
+    certificates = NeedCertificateFile.load(suite)
     proven = [one for one in suite.scenarios if one.id in certificates and certificates[one.id].proves is Proof.ALL]
     if len(proven) < LEAST_PROVEN:
         yield f"expected {LEAST_PROVEN} certificates of level all, found {len(proven)}"

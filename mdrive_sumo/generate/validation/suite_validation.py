@@ -26,7 +26,7 @@ from mdrive_sumo.scenario.reference_times import (
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.scenario.suite import RECIPE_FILE, Suite
-from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, read_certificates
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificateFile
 
 TOLERANCE, CATEGORY_TOLERANCE = 0.05, 0.10
 """Relative tolerance of the means of a suite, and of its categories, against the paper's."""
@@ -144,7 +144,7 @@ def _check_occluded_count(suite: Suite, known: Mapping[str, bool]) -> Iterator[s
 def _check_certificates(suite: Suite, examined: Sequence[ScenarioValidation]) -> Iterator[str]:
     """Check whether the stored certificates belong to the suite, are still true, and report enough hidden conflicts."""
     mend = _describe_remedy(suite)
-    file = read_certificates(suite.folder)
+    file = OcclusionCertificateFile.read(suite.folder)
     kept = file.of(suite) if file else {}
     changed = [one.scenario for one in examined if one.certificate not in (None, kept.get(one.scenario))]
     if file is None and is_packaged(suite):

@@ -9,7 +9,7 @@ from testing.hard_suite import build_fast_scenario, make_hard_suite
 from mdrive_sumo.cli import main
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import load_results
-from mdrive_sumo.study.need_certificate import NeedCertificate, NeedCertificateFile, NeedConflict, Proof, save_need
+from mdrive_sumo.study.need_certificate import NeedCertificate, NeedCertificateFile, NeedConflict, Proof
 
 pytestmark = [pytest.mark.usefixtures("in_process"), pytest.mark.slow]
 REFERENCE = ("--agent", "omniscient", "--ids", "scenario", "--sensing", "perfect", "--score-mode", "mdrive")
@@ -77,7 +77,7 @@ def _certify(suite: Path, scenario: str, cav: str) -> None:
         conflict_s=1.0,
     )
     certificate = NeedCertificate(scenario=scenario, conflicts=(conflict,))
-    save_need(suite, NeedCertificateFile(suite_checksum=load_suite(str(suite)).checksum(), certificates=(certificate,)))
+    NeedCertificateFile.write(load_suite(str(suite)), {scenario: certificate})
 
 
 @pytest.mark.parametrize("agent", ["constant-speed", "sharing+negotiation"])

@@ -10,7 +10,7 @@ from mdrive_sumo.generate.duplicates import find_rivals
 from mdrive_sumo.generate.validation.hard_suite_validation import find_hard_problems
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.suite import Suite, load_suite
-from mdrive_sumo.study.need_certificate import load_need
+from mdrive_sumo.study.need_certificate import NeedCertificateFile
 
 MOST_CAVS, MOST_VEHICLES = 12, 150
 
@@ -52,7 +52,7 @@ def test_the_table_of_scenarios_says_what_certificates_prove() -> None:
 
 
 def test_every_certificate_that_holds_names_a_station_that_sees_the_road_user_in_time() -> None:
-    for certificate in load_need(load_hard()).values():
+    for certificate in NeedCertificateFile.load(load_hard()).values():
         for conflict in certificate.conflicts:
             assert conflict.stations and conflict.told_s is not None and conflict.stopping_s is not None
             assert conflict.told_s <= conflict.stopping_s

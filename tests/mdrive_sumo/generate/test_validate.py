@@ -25,13 +25,7 @@ from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, TimeTrigger
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite, seal_suite
 from mdrive_sumo.scoring import ScenarioResult, make_void_result
-from mdrive_sumo.study.occlusion_certificate import (
-    CERTIFICATE_FILE,
-    OcclusionCertificate,
-    OcclusionCertificateFile,
-    load_certificates,
-    save_certificates,
-)
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, OcclusionCertificateFile
 
 pytestmark = pytest.mark.usefixtures("in_process")
 
@@ -203,7 +197,7 @@ def test_a_suite_of_parts_passes(both: tuple[Suite, Result]) -> None:
 def test_certificates_are_written_beside_each_part(both: tuple[Suite, Result]) -> None:
     suite, _ = both
     assert not (suite.folder / CERTIFICATE_FILE).exists()
-    assert [list(load_certificates(part)) for part in suite.parts] == [[TOWN], ["i25_ins_oppo_boulevard"]]
+    assert [list(OcclusionCertificateFile.load(part)) for part in suite.parts] == [[TOWN], ["i25_ins_oppo_boulevard"]]
     shown = CliRunner().invoke(main, ["list", "scenarios", "--suite", str(suite.folder), "--occluded"])
     assert TOWN in shown.output
     assert "i25" not in shown.output
@@ -232,11 +226,13 @@ def test_writing_one_scenario_keeps_what_is_known_of_the_others(tmp_path: Path) 
     other = ours("i25_ins_oppo_boulevard")
     suite = suite_of(tmp_path / "mine", ours(TOWN), other)
     kept = OcclusionCertificate(scenario=other.id, hidden=())
-    save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum="sha256:of before", certificates=(kept,)))
+    OcclusionCertificateFile(suite_checksum="sha256:of before", certificates=(kept,)).save(suite.folder)
     save_reference_times(suite, {one.id: {ego.id: 7 for ego in one.egos} for one in suite})
     told = validate(str(suite.folder), "--scenario", TOWN, "--write")
     assert told.exit_code == 0, told.output
-    assert load_certificates(suite)[other.id] == kept and load_certificates(suite)[TOWN].occluded
+    assert (
+        OcclusionCertificateFile.load(suite)[other.id] == kept and OcclusionCertificateFile.load(suite)[TOWN].occluded
+    )
     assert set(find_reference_times(other, suite.folder).values()) == {7}
     assert min(find_reference_times(ours(TOWN), suite.folder).values()) > 7
 

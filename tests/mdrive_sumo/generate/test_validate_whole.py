@@ -19,12 +19,7 @@ from mdrive_sumo.scenario.packaged_suites import list_packaged_suites
 from mdrive_sumo.scenario.reference_times import save_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite, seal_suite
-from mdrive_sumo.study.occlusion_certificate import (
-    OccludedInterval,
-    OcclusionCertificate,
-    OcclusionCertificateFile,
-    save_certificates,
-)
+from mdrive_sumo.study.occlusion_certificate import OccludedInterval, OcclusionCertificate, OcclusionCertificateFile
 
 LATE = OccludedInterval(drive="omniscient", ego="0", actor="1", start_s=0.0, end_s=3.0, conflict_s=4.0, by=("1",))
 
@@ -167,10 +162,7 @@ def test_hidden_conflicts_are_not_counted_while_some_are_unknown(interaction: Su
 
 @pytest.mark.slow
 def test_kept_certificates_count_where_only_a_sample_was_driven(interaction: Suite) -> None:
-    kept = tuple(certificate(s.id, hidden=False) for s in interaction.scenarios)
-    save_certificates(
-        interaction.folder, OcclusionCertificateFile(suite_checksum=interaction.checksum(), certificates=kept)
-    )
+    OcclusionCertificateFile.write(interaction, {s.id: certificate(s.id, hidden=False) for s in interaction.scenarios})
     assert len(find_suite_problems(interaction, ())) == 2
 
 
@@ -185,8 +177,7 @@ def small(tmp_path: Path) -> Suite:
 
 
 def keep(suite: Suite, hidden: bool = True) -> None:
-    kept = tuple(certificate(s.id, hidden) for s in suite.scenarios)
-    save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
+    OcclusionCertificateFile.write(suite, {s.id: certificate(s.id, hidden) for s in suite.scenarios})
 
 
 def measure(suite: Suite, ticks: int = 50) -> None:

@@ -10,7 +10,7 @@ from mdrive_sumo.generate.validation import find_suite_problems
 from mdrive_sumo.roads import list_packaged_networks
 from mdrive_sumo.scenario.packaged_suites import list_packaged_suites
 from mdrive_sumo.scenario.suite import load_suite
-from mdrive_sumo.study.occlusion_certificate import load_certificates
+from mdrive_sumo.study.occlusion_certificate import OcclusionCertificateFile
 
 pytestmark = pytest.mark.slow
 
@@ -50,6 +50,6 @@ def test_what_is_packaged_fits_into_the_wheel() -> None:
 def test_hidden_conflicts_of_a_category(name: str) -> None:
     """At least 80 % of pre-crash and all crosswalk scenarios have an occlusion certificate."""
     suite = load_suite("interaction@0")
-    certificates = load_certificates(suite)
+    certificates = OcclusionCertificateFile.load(suite)
     hidden = [certificates[s.id].occluded for s in suite.scenarios if s.category == name]
     assert sum(hidden) >= (0.8 if name == "pre-crash" else 1.0) * len(hidden) > 0

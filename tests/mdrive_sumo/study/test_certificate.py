@@ -22,9 +22,6 @@ from mdrive_sumo.study.occlusion_certificate import (
     OcclusionCertificate,
     OcclusionCertificateFile,
     find_occluded_intervals,
-    load_certificates,
-    read_certificates,
-    save_certificates,
 )
 
 TOWN = load_road_map(find_network_folder("town_crossing"))
@@ -104,28 +101,26 @@ def suite_in(folder: Path, *names: str, parts: tuple[str, ...] = ()) -> Suite:
 
 def keep(suite: Suite) -> OcclusionCertificate:
     made = OcclusionCertificate(scenario=suite.scenarios[0].id, hidden=(interval(0.0, 3.0, 4.0),))
-    save_certificates(
-        suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=(made, made))
-    )
+    OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=(made, made)).save(suite.folder)
     return made
 
 
 def test_certificates_are_kept_for_the_suite_they_were_made_for(tmp_path: Path) -> None:
     suite = suite_in(tmp_path / "a", "i07_ins_ss_town")
-    assert load_certificates(suite) == {}
+    assert OcclusionCertificateFile.load(suite) == {}
     made = keep(suite)
-    assert load_certificates(suite) == {"i07_ins_ss_town": made}
+    assert OcclusionCertificateFile.load(suite) == {"i07_ins_ss_town": made}
     other = replace(suite, scenarios=(suite.scenarios[0].model_copy(update={"weather": "rain"}),))
-    assert load_certificates(other) == {}
+    assert OcclusionCertificateFile.load(other) == {}
 
 
 def test_a_suite_of_parts_has_the_certificates_of_each_that_did_not_change(tmp_path: Path) -> None:
     first = keep(suite_in(tmp_path / "a", "i07_ins_ss_town"))
     second = keep(suite_in(tmp_path / "b", "i25_ins_oppo_boulevard"))
     both = suite_in(tmp_path / "both", parts=("a", "b"))
-    assert load_certificates(both) == {first.scenario: first, second.scenario: second}
+    assert OcclusionCertificateFile.load(both) == {first.scenario: first, second.scenario: second}
     suite_in(tmp_path / "b", "i25_ins_oppo_boulevard", "i01_ins_c_main_street_right")
-    assert load_certificates(load_suite(str(both.folder))) == {first.scenario: first}
+    assert OcclusionCertificateFile.load(load_suite(str(both.folder))) == {first.scenario: first}
     told = CliRunner().invoke(main, ["list", "scenarios", "--suite", str(both.folder), "--occluded"])
     assert told.exit_code == 2
     assert "suite b: expected an up-to-date occlusion.json, found none" in told.output
@@ -134,12 +129,12 @@ def test_a_suite_of_parts_has_the_certificates_of_each_that_did_not_change(tmp_p
 def test_a_broken_file_gets_one_sentence(tmp_path: Path) -> None:
     (tmp_path / occlusion_certificate.CERTIFICATE_FILE).write_text('{"format": "other"}')
     with pytest.raises(InputError, match=r"occlusion.json: format: expected"):
-        read_certificates(tmp_path)
+        OcclusionCertificateFile.read(tmp_path)
 
 
 def test_the_packaged_suite_is_certified_and_can_be_filtered() -> None:
     suite = load_suite("interdrive@0")
-    certificates = load_certificates(suite)
+    certificates = OcclusionCertificateFile.load(suite)
     assert list(certificates) == [scenario.id for scenario in suite.scenarios]
     occluded = [name for name, one in certificates.items() if one.occluded]
     assert len(occluded) >= 15

@@ -21,15 +21,7 @@ from mdrive_sumo.study.need.conflict_zone import ZoneFinder, find_largest_rectan
 from mdrive_sumo.study.need.motion import MotionLimits, build_route_motion
 from mdrive_sumo.study.need.occluders import SightBox, StandingOccluders, StandingVehicles
 from mdrive_sumo.study.need.sight_tables import SightTables
-from mdrive_sumo.study.need_certificate import (
-    NEED_FILE,
-    NeedCertificate,
-    NeedCertificateFile,
-    Proof,
-    certify_need,
-    read_need,
-    save_need,
-)
+from mdrive_sumo.study.need_certificate import NEED_FILE, NeedCertificate, NeedCertificateFile, Proof, certify_need
 
 BASE = BlindCorner()
 MAST = RoadsideUnit(id="mast", x=70.0, y=-20.0)
@@ -221,14 +213,14 @@ def test_every_steady_drive_collides_for_some_start_where_blindness_is_certified
 def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     one = certify(BASE)
     file = NeedCertificateFile(suite_checksum="sha256:0", certificates=(one, one))
-    save_need(tmp_path, file)
-    assert read_need(tmp_path) == file
+    file.save(tmp_path)
+    assert NeedCertificateFile.read(tmp_path) == file
     assert (one.holds, one.proves, one.lead_s) == (True, Proof.CONFLICT, one.conflicts[0].lead_s)
     assert file.of(load_suite("interdrive@0")) == {}
     (tmp_path / NEED_FILE).write_text('{"format": "other"}')
     with pytest.raises(InputError, match=r"need.json: format: expected"):
-        read_need(tmp_path)
+        NeedCertificateFile.read(tmp_path)
 
 
 def test_a_folder_without_certificates_has_none(tmp_path: Path) -> None:
-    assert read_need(tmp_path) is None
+    assert NeedCertificateFile.read(tmp_path) is None

@@ -24,12 +24,7 @@ from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scenario.variation import vary_scenario
 from mdrive_sumo.scoring import EgoResult
-from mdrive_sumo.study.occlusion_certificate import (
-    OccludedInterval,
-    OcclusionCertificate,
-    OcclusionCertificateFile,
-    save_certificates,
-)
+from mdrive_sumo.study.occlusion_certificate import OccludedInterval, OcclusionCertificate, OcclusionCertificateFile
 from mdrive_sumo.study.twin_scenarios import (
     HiddenConflicts,
     Occluders,
@@ -222,9 +217,7 @@ def folder(in_process: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     save_suite(Suite(SuiteFile(name="short", title="A short suite"), folder / "suite", (first, second)))
     hidden = OccludedInterval(drive="omniscient", ego="0", actor="1", start_s=0.0, end_s=2.0, conflict_s=3.0, by=("1",))
     certificate = OcclusionCertificate(scenario=first.id, hidden=(hidden,))
-    checksum = load_suite(str(folder / "suite")).checksum()
-    content = OcclusionCertificateFile(suite_checksum=checksum, certificates=(certificate,))
-    save_certificates(folder / "suite", content)
+    OcclusionCertificateFile.write(load_suite(str(folder / "suite")), {first.id: certificate})
     return folder
 
 
