@@ -6,17 +6,20 @@ the columns; the settings of the runs are JSON in the metadata of the file.
 
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_parents, write_bytes
+from mdrive_sumo.open_loop import OpenLoopResults, OpenLoopScenario
+from mdrive_sumo.open_loop.results import OpenLoopRunInfo, summarize_open_loop
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarize_run
 
 FORMAT = "mdrive-sumo/published-values/2"
@@ -29,6 +32,15 @@ SCHEMA = pa.schema(
 )
 """run: index of the run in the metadata `runs`. part: of the study (`Values`). agent: whose scores these are. All other
 columns are those of results."""
+OPEN_SCHEMA = pa.schema(
+    [("run", pa.int16()), ("agent", pa.string()), ("seed", pa.int32())]
+    + [(name, pa.string()) for name in ("id", "bucket", "category", "precision_counts")]
+    + [(name, pa.int32()) for name in ("frames", "detections", "truths")]
+    + [(name, pa.float64()) for name in ("ap50", "ade", "fde", "cr", "cr_frames", "cr_mdrive", "overlap")]
+)
+"""As above, of open loop. precision_counts: JSON, as in `open_loop.json`."""
+OPEN_LEFT_OUT: dict[str, Any] = {"digest": "", "skipped": {}, "failures": {}}
+InfoT = TypeVar("InfoT", bound=BaseModel)
 Values = Mapping[str, Sequence[Results]]
 """Runs by part of a study; those that are no part of one are `WHOLE`."""
 WHOLE = ""
@@ -36,8 +48,8 @@ LEFT_OUT: dict[str, Any] = {"digest": "", "ticks": 0, "egos": ()}
 """Fields of results that no table needs."""
 
 
-def write_values(path: Path, values: Values) -> None:
-    """Write the values of runs. Raises InputError if that is not possible."""
+def write_values(path: Path, values: Values, opened: Sequence[OpenLoopResults] = ()) -> None:
+    """Write the values of runs, and beside them those of open loop if there are any. Raises InputError."""
     runs = [(part, results) for part, found in values.items() for results in found]
     rows = [
         {"run": i, "part": part, "agent": find_compared_agent(results.run)}
@@ -45,12 +57,29 @@ def write_values(path: Path, values: Values) -> None:
         for i, (part, results) in enumerate(runs)
         for one in results.scenarios
     ]
-    about = {"format": FORMAT, "runs": json.dumps([results.run.model_dump(mode="json") for _, results in runs])}
-    table = pa.Table.from_pylist(rows, SCHEMA.with_metadata(about))
+    _write_table(path, rows, SCHEMA, [results.run for _, results in runs])
+    if opened:
+        shown = [
+            {"run": i, "agent": results.run.agent}
+            | one.model_dump(include={*OPEN_SCHEMA.names})
+            | {"precision_counts": json.dumps(one.precision_counts)}
+            for i, results in enumerate(opened)
+            for one in results.scenarios
+        ]
+        _write_table(name_open_file(path), shown, OPEN_SCHEMA, [results.run for results in opened])
+
+
+def _write_table(path: Path, rows: list[dict[str, Any]], schema: Any, runs: Sequence[BaseModel]) -> None:
+    about = {"format": FORMAT, "runs": json.dumps([run.model_dump(mode="json") for run in runs])}
     data = io.BytesIO()
-    pq.write_table(table, data, compression="zstd")
+    pq.write_table(pa.Table.from_pylist(rows, schema.with_metadata(about)), data, compression="zstd")
     make_parents(path)
     write_bytes(path, data.getvalue())
+
+
+def name_open_file(path: Path) -> Path:
+    """Return the file of the open loop of some runs."""
+    return path.with_name(f"{path.stem}-open{path.suffix}")
 
 
 def find_compared_agent(run: RunInfo) -> str:
@@ -60,6 +89,44 @@ def find_compared_agent(run: RunInfo) -> str:
 
 def read_values(path: Path) -> Values:
     """Return the runs of a file, without CAVs. Raises InputError for a damaged file and for one of another version."""
+    infos, rows = _read_table(path, SCHEMA, RunInfo)
+    scenarios: dict[tuple[str, int], list[ScenarioResult]] = {}
+    for row in rows:
+        with _report_faults(path):
+            scenarios.setdefault((row["part"], row["run"]), []).append(_make_result(row))
+    values: dict[str, list[Results]] = {}
+    for (part, number), members in scenarios.items():
+        found = summarize_run(infos[number], members)  # without messages, of which the labels follow
+        values.setdefault(part, []).append(found.model_copy(update={"run": infos[number]}))
+    return values
+
+
+def read_opened(path: Path) -> Sequence[OpenLoopResults]:
+    """Return the open loop of the runs of a file, none if there is none. Raises InputError as `read_values`."""
+    path = name_open_file(path)
+    if not path.is_file():
+        return ()
+    infos, rows = _read_table(path, OPEN_SCHEMA, OpenLoopRunInfo)
+    scenarios: dict[int, list[OpenLoopScenario]] = {}
+    for row in rows:
+        with _report_faults(path):
+            facts = {name: value for name, value in row.items() if name not in ("run", "agent")} | OPEN_LEFT_OUT
+            counts = {"precision_counts": json.loads(row["precision_counts"])}
+            scenarios.setdefault(row["run"], []).append(OpenLoopScenario.model_validate(facts | counts))
+    found = {number: summarize_open_loop(infos[number], members) for number, members in scenarios.items()}
+    return [results.model_copy(update={"run": infos[number]}) for number, results in found.items()]
+
+
+@contextmanager
+def _report_faults(path: Path) -> Generator[None]:
+    try:
+        yield
+    except (ValueError, ValidationError) as error:
+        raise InputError(f"{path}: expected runs and scores of this version: {error}") from None
+
+
+def _read_table(path: Path, schema: Any, kind: type[InfoT]) -> tuple[Sequence[InfoT], Sequence[dict[str, Any]]]:
+    """Return the settings of the runs of a file, and its rows."""
     try:
         table = pq.read_table(io.BytesIO(read_bytes(path)))
     except (pa.ArrowException, OSError) as error:
@@ -70,24 +137,16 @@ def read_values(path: Path) -> Values:
             f"{path}: format: expected {FORMAT}, found {found}; `python -m tools.write_published_tables --values NAME"
             " RUN...` writes it anew"
         )
-    if not table.schema.equals(SCHEMA):
+    if not table.schema.equals(schema):
         raise InputError(
-            f"{path}: expected the columns {', '.join(SCHEMA.names)}, found {', '.join(table.schema.names)}"
+            f"{path}: expected the columns {', '.join(schema.names)}, found {', '.join(table.schema.names)}"
         )
-    scenarios: dict[tuple[str, int], list[ScenarioResult]] = {}
-    try:
-        infos = [RunInfo.model_validate(run) for run in json.loads(about.get("runs", "[]"))]
-        for row in table.to_pylist():
-            scenarios.setdefault((row["part"], row["run"]), []).append(_make_result(row))
-    except (ValueError, ValidationError) as error:
-        raise InputError(f"{path}: expected runs and scores of this version: {error}") from None
-    values: dict[str, list[Results]] = {}
-    for (part, number), members in scenarios.items():
-        if not 0 <= number < len(infos):
-            raise InputError(f"{path}: run: expected one of {len(infos)} runs, found number {number}")
-        found = summarize_run(infos[number], members)  # without messages, of which the labels follow
-        values.setdefault(part, []).append(found.model_copy(update={"run": infos[number]}))
-    return values
+    rows = table.to_pylist()
+    with _report_faults(path):
+        infos = [kind.model_validate(run) for run in json.loads(about.get("runs", "[]"))]
+    if outside := [row["run"] for row in rows if not 0 <= row["run"] < len(infos)]:
+        raise InputError(f"{path}: run: expected one of {len(infos)} runs, found number {outside[0]}")
+    return infos, rows
 
 
 def _make_result(row: dict[str, Any]) -> ScenarioResult:

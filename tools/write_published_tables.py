@@ -23,7 +23,9 @@ from mdrive_sumo.core.tables import (
     join_paragraphs,
 )
 from mdrive_sumo.core.terminal import echo
+from mdrive_sumo.open_loop import OPEN_LOOP_FILE, OpenLoopResults
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
+from mdrive_sumo.scenario.scenario import load_model
 from mdrive_sumo.scoring import Results, load_results, summarize_run
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary, summarise_gain
@@ -42,7 +44,9 @@ from tools.aim_tables import (
     list_hard_figures,
     list_log_figures,
 )
-from tools.published_values import WHOLE, Values, find_compared_agent, read_values, write_values
+from tools.paper_values import CLOSED, find_paper_part, list_paper_table
+from tools.paper_values import TABLES as PAPER_TABLES
+from tools.published_values import WHOLE, Values, find_compared_agent, read_opened, read_values, write_values
 from tools.tool_command import HELP, ToolCommand, dry_run_option
 
 ROOT = Path(__file__).parents[1]
@@ -161,29 +165,33 @@ def _list_twins(values: Values) -> Paragraphs:
     return described, format_markdown(build_twins_table(summary)), count_by_chance(line.change for line in lines)
 
 
-def _format_table(table: str, values: Values) -> str:
+def _format_table(table: str, values: Values, opened: Sequence[OpenLoopResults]) -> str:
     """Return a table of a file of values. Raises InputError if the file is one of other runs."""
-    is_paired = WHOLE not in values
-    if is_paired != (table == TWINS):
-        kinds = "of a study of twins", "of other runs"
-        raise InputError(f"table {table}: expected values {kinds[is_paired]}, found values {kinds[not is_paired]}")
-    return join_paragraphs(_list_twins(values) if is_paired else TABLES[table](values[WHOLE]))
+    kind = "study twins" if table == TWINS else "study paper" if table in PAPER_TABLES else "single runs"
+    found = "single runs" if WHOLE in values else "study paper" if CLOSED in values else "study twins"
+    if kind != found:
+        raise InputError(f"table {table}: expected values of {kind}, found values of {found}")
+    if kind == "study paper":
+        return join_paragraphs((_describe_runs(values[CLOSED]), *list_paper_table(table, values, opened)))
+    return join_paragraphs(_list_twins(values) if table == TWINS else TABLES[table](values[WHOLE]))
 
 
-def fill_page(text: str, root: Path, page: str, fresh: Mapping[str, Values] = MappingProxyType({})) -> str:
-    """Return a page with its marked tables written anew. Raises InputError for an unknown table and for a bad file.
+Fresh = Mapping[str, tuple[Values, Sequence[OpenLoopResults]]]
+"""Values by the name of the file that they are not in yet."""
 
-    fresh: values that are not in their files yet.
-    """
+
+def fill_page(text: str, root: Path, page: str, fresh: Fresh = MappingProxyType({})) -> str:
+    """Return a page with its marked tables written anew. Raises InputError for an unknown table and for a bad file."""
 
     def fill(match: re.Match[str]) -> str:
         begin, name, table, end = match.groups()
-        if table not in (*TABLES, TWINS):
-            raise InputError(f"{page}: table: expected one of {', '.join((*TABLES, TWINS))}, found {table}")
+        if table not in (known := (*TABLES, TWINS, *PAPER_TABLES)):
+            raise InputError(f"{page}: table: expected one of {', '.join(known)}, found {table}")
         path = root / VALUES / f"{name}.parquet"
         if name not in fresh and not path.is_file() and any(words in match[0] for words in WITHOUT_FILE):
             return match[0]
-        return f"{begin}\n{_format_table(table, fresh[name] if name in fresh else read_values(path))}\n{end}"
+        values, opened = fresh[name] if name in fresh else (read_values(path), read_opened(path))
+        return f"{begin}\n{_format_table(table, values, opened)}\n{end}"
 
     return MARK.sub(fill, text)
 
@@ -196,18 +204,27 @@ def find_pages(root: Path) -> list[Path]:
 
 def load_values(places: Sequence[Path]) -> Values:
     """Return all results below the places. Raises InputError where there are none, and for unfinished runs."""
-    files = [file for place in places for file in ([place] if place.is_file() else sorted(place.rglob(RESULTS_FILE)))]
+    files = _find_files(places, RESULTS_FILE)
     if not files:
         raise InputError(f"expected runs, found no {RESULTS_FILE} below {', '.join(map(str, places)) or 'no folder'}")
     runs = [load_results(file) for file in files]
     for file, results in zip(files, runs, strict=True):
         if results.planned is not None:
             raise InputError(f"{file}: expected a finished run, found {len(results.scenarios)} of {results.planned}")
-    names = [file.parent.name for file in files]
-    if ORIGINAL not in names:
-        return {WHOLE: runs}
-    parts = {name: [runs[i] for i, part in enumerate(names) if part == name] for name in (ORIGINAL, *TwinFactor)}
-    return pair_runs(parts)
+    names = [find_paper_part(file) or file.parent.name for file in files]
+    parts = {name: [runs[i] for i, part in enumerate(names) if part == name] for name in names}
+    if ORIGINAL in parts:
+        return pair_runs({name: found for name, found in parts.items() if name in (ORIGINAL, *TwinFactor)})
+    return parts if CLOSED in parts else {WHOLE: runs}
+
+
+def load_opened(places: Sequence[Path]) -> Sequence[OpenLoopResults]:
+    """Return all results of open loop below the places. Raises InputError for an unreadable one."""
+    return [load_model(file, OpenLoopResults) for file in _find_files(places, OPEN_LOOP_FILE)]
+
+
+def _find_files(places: Sequence[Path], name: str) -> list[Path]:
+    return [file for place in places for file in ([place] if place.is_file() else sorted(place.rglob(name)))]
 
 
 @click.command(cls=ToolCommand, context_settings=HELP)
@@ -218,11 +235,11 @@ def main(runs: tuple[Path, ...], values: str, dry_run: bool) -> None:
     """Write marked tables of the documentation anew from docs/results/values."""
     if bool(values) != bool(runs):
         raise InputError("expected --values NAME with runs, found one without the other")
-    fresh = {values: load_values(runs)} if values else {}
+    fresh = {values: (load_values(runs), load_opened([one for one in runs if one.is_dir()]))} if values else {}
     pages = {page: read_text(ROOT / page) for page in find_pages(ROOT)}
     filled = {page: fill_page(text, ROOT, str(page), fresh) for page, text in pages.items()}
     for name, found in ({} if dry_run else fresh).items():
-        write_values(ROOT / VALUES / f"{name}.parquet", found)
+        write_values(ROOT / VALUES / f"{name}.parquet", *found)
     for page in (page for page, text in pages.items() if filled[page] != text):
         if not dry_run:
             write_text(ROOT / page, filled[page])

@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 from testing.paths import ROOT
-from testing.study_samples import make_run, make_scenario
+from testing.study_samples import make_open_run, make_recording, make_run, make_scenario
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_markdown
@@ -21,7 +21,8 @@ from mdrive_sumo.study.twins import ORIGINAL
 from mdrive_sumo.v2x.comm_settings import PRESETS, describe_comm
 from tools import write_published_tables
 from tools.aim_tables import MeasuredDrivers, SuiteFigure, list_hard_figures, list_log_figures
-from tools.published_values import WHOLE, read_values, write_values
+from tools.paper_values import TABLES as PAPER_TABLES
+from tools.published_values import WHOLE, name_open_file, read_opened, read_values, write_values
 from tools.write_published_tables import TABLES, WITHOUT_FILE, fill_page, find_pages, load_values
 
 PLACES = 12
@@ -172,11 +173,42 @@ def test_the_table_of_twins_is_that_of_the_study(root: Path) -> None:
     write_values(root / "docs/results/values/twins.parquet", values)
     page = "<!-- values:twins:twins:begin -->\n<!-- values:twins:twins:end -->"
     assert "| single | occluder | 24 | 41.4 | 53.9 | +12.5 [+12.5, +12.5] |" in fill_page(page, root, "page.md")
-    with pytest.raises(InputError, match="table gain: expected values of other runs, found values of a study of twins"):
+    with pytest.raises(InputError, match="table gain: expected values of single runs, found values of study twins"):
         fill_page(page.replace(":twins:twins", ":twins:gain"), root, "page.md")
     write_values(root / "docs/results/values/twins.parquet", {WHOLE: list_gain_runs()})
-    with pytest.raises(InputError, match="table twins: expected values of a study of twins, found values of other"):
+    with pytest.raises(InputError, match="table twins: expected values of study twins, found values of single"):
         fill_page(page, root, "page.md")
+
+
+def save_paper_runs(folder: Path) -> None:
+    """Three agents in both loops on twelve places, one of them with latency too, and the drives of the reference."""
+    closed = ("idm", 60.0), ("single", 70.0), ("sharing", 80.0)
+    runs = [*((f"closed/{agent}", agent, ds) for agent, ds in closed), ("reference/omniscient", "omniscient", 99.0)]
+    for part, agent, ds in (*runs, ("channel/sharing/latency_6_ticks", "sharing", 75.0)):
+        (folder / part).mkdir(parents=True)
+        save_results(drive(agent, ds), folder / part / "results.json")
+    names = [one.id for one in drive("idm", 0.0).scenarios]
+    for agent, ade in (("idm", 3.0), ("single", 2.0), ("sharing", 1.0), ("omniscient", 0.5)):
+        (folder / "open" / agent).mkdir(parents=True)
+        shown = make_open_run(agent, [make_recording(name, ade, ((0.5, 3, 4),)) for name in names])
+        (folder / "open" / agent / "open_loop.json").write_text(shown.model_dump_json())
+
+
+def test_tables_of_the_papers_study_have_values_of_both_loops(root: Path) -> None:
+    save_paper_runs(root / "runs")
+    page = "\n".join(f"<!-- values:p:{name}:begin -->\n<!-- values:p:{name}:end -->" for name in PAPER_TABLES)
+    (root / "docs" / "page.md").write_text(page)
+    assert write("--values", "p", root / "runs").startswith("0 changed")
+    text = (root / "docs" / "page.md").read_text()
+    assert "| ADE [m] | DS | 3 | +1.00 [+1.00, +1.00] | +1.00 [+1.00, +1.00] |" in text
+    assert "| sharing | 81.38 | 76.38 | -5.00 [-5.00, -5.00] |" in text
+    assert "No agent of this study exchanges messages." in text, "no run with pose error"
+    path = root / write_published_tables.VALUES / "p.parquet"
+    files = [path.read_bytes(), name_open_file(path).read_bytes()]
+    write_values(path, read_values(path), read_opened(path))
+    assert files == [path.read_bytes(), name_open_file(path).read_bytes()]
+    name_open_file(path).unlink()
+    assert "table open-closed: expected every agent in both loops, found no runs of open loop" in write()
 
 
 def test_a_table_of_several_seasons_or_with_missing_runs_is_refused() -> None:

@@ -1,15 +1,15 @@
 """Open loop against closed loop: numbers by hand, and resampled metrics against those of the open loop itself."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.study_samples import make_run, make_scenario
+from testing.study_samples import make_open_run, make_recording, make_run, make_scenario
 
 from mdrive_sumo.open_loop import OpenLoopResults, OpenLoopScenario
-from mdrive_sumo.open_loop.results import OpenLoopRunInfo, combine_metrics, summarize_open_loop
+from mdrive_sumo.open_loop.results import combine_metrics
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.paper.open_closed import OPEN_METRICS, compare_open_with_closed, resample_metric
 from mdrive_sumo.study.paper.open_closed_table import (
@@ -18,45 +18,10 @@ from mdrive_sumo.study.paper.open_closed_table import (
     make_open_closed_figure,
 )
 
-Precision = tuple[tuple[float, int, int], ...] | None
-
-
-def recording(name: str, ade: float | None, precision: Precision = None, frames: int = 10) -> OpenLoopScenario:
-    known = ade is not None
-    return OpenLoopScenario(
-        ap50=None,
-        ade=ade,
-        fde=2 * ade if known else None,
-        cr=100.0 * (ade > 1) if known else None,
-        cr_frames=ade,
-        cr_mdrive=ade,
-        overlap=ade,
-        frames=frames if known else 0,
-        detections=sum(row[2] for row in precision or ()),
-        truths=20 if precision is not None else 0,
-        id=name,
-        bucket="V2XPnP",
-        category="synthetic",
-        seed=0,
-        skipped={},
-        failures={},
-        digest="",
-        precision_counts=precision,
-    )
-
-
-def opened(agent: str, recordings: Sequence[OpenLoopScenario]) -> OpenLoopResults:
-    info = OpenLoopRunInfo(
-        agent=agent, agent_config="", suite="s", suite_checksum="", seeds=(0,), reference="omniscient",
-        versions={}, options={},
-    )  # fmt: skip
-    return summarize_open_loop(info, recordings)
-
-
 COUNTS = st.tuples(st.integers(0, 10), st.integers(0, 10))
 RECORDINGS = st.lists(
     st.builds(
-        lambda ade, frames, rows: recording(
+        lambda ade, frames, rows: make_recording(
             "s",
             ade,
             tuple((score / 10, min(row), max(row)) for score, row in sorted(rows.items(), reverse=True)),
@@ -95,7 +60,9 @@ def both(
     """Agents by name with ADE and DS; ADE varies over scenarios in the same way for all."""
     names = [f"s{place}" for place in range(scenarios)]
     shown = {
-        agent: opened(agent, [recording(name, ade + place / 10, ((1.0, 10, 20),)) for place, name in enumerate(names)])
+        agent: make_open_run(
+            agent, [make_recording(name, ade + place / 10, ((1.0, 10, 20),)) for place, name in enumerate(names)]
+        )
         for agent, (ade, _) in scores.items()
     }
     driven = {agent: make_run(*(make_scenario(name, ds) for name in names)) for agent, (_, ds) in scores.items()}
@@ -132,13 +99,13 @@ def test_void_episodes_and_agents_without_plans_are_left_out() -> None:
     shown, driven = both({"a": (0.5, 90.0), "b": (1.0, 80.0), "c": (2.0, 10.0)})
     void = driven["b"].scenarios[0].model_copy(update={"status": "void", "ds": 0.0})
     driven["b"] = make_run(void, *driven["b"].scenarios[1:])
-    shown["d"] = opened("d", [recording(f"s{place}", None) for place in range(6)])
+    shown["d"] = make_open_run("d", [make_recording(f"s{place}", None) for place in range(6)])
     driven["d"] = make_run(*(make_scenario(f"s{place}", 5.0) for place in range(6)))
     found = compare_open_with_closed(shown, driven)
     assert found.scenarios == 5
     assert {line.agent: line.open.ade for line in found.lines}["d"] is None
     assert {one.agents for one in found.correlations if one.metric == "ade"} == {("a", "b", "c")}
-    nothing = compare_open_with_closed({"a": opened("a", [recording("x", 1.0)])}, {"a": driven["a"]})
+    nothing = compare_open_with_closed({"a": make_open_run("a", [make_recording("x", 1.0)])}, {"a": driven["a"]})
     assert (nothing.scenarios, nothing.lines, nothing.correlations) == (0, (), ())
 
 
