@@ -122,9 +122,9 @@ def _build_hidden_stream(
         one.other.limit * values["share"],
         values["due_s"] - values["before_s"],
         values["every_s"],
-        1 + round((values["before_s"] + values["lasts_s"]) / values["every_s"]),
-        pause_s=0.0,
-        groups=1,
+        count=2,
+        pause_s=values["pause_s"],
+        groups=1 + round((values["before_s"] + values["lasts_s"]) / (values["every_s"] + values["pause_s"])),
     )
     row = tuple(actor.model_copy(update={"id": f"{actor.id}{ending}"}) for actor in row)
     return (*row, *build_stream(roads, f"stream{ending}", stream))
@@ -182,12 +182,13 @@ _PARAMETERS = (
     FamilyParameter("gap_m", 0.3, 0.5, "m", "from the flanks of the lorries that stand to the stream"),
     FamilyParameter("side_m", 1.3, 2.2, "m", "from the first lorry to the middle of the CAVs' way"),
     FamilyParameter("standing", 4.0, 7.4, "", "number of lorries and buses that stand, rounded"),
-    FamilyParameter("before_s", 0.5, 3.0, "s", "from the first vehicle of the stream to the first CAV"),
+    FamilyParameter("before_s", 2.5, 4.5, "s", "from the first vehicle of the stream to the first CAV"),
     FamilyParameter("lasts_s", 5.5, 8.0, "s", "from the first CAV to the last vehicle of the stream"),
-    FamilyParameter("every_s", 1.4, 2.0, "s", "time between two vehicles of the stream"),
+    FamilyParameter("every_s", 1.3, 1.8, "s", "time between the two vehicles of a pair"),
+    FamilyParameter("pause_s", 2.4, 3.0, "s", "time from a pair of the stream to the next"),
     FamilyParameter("buses", 0.0, 1.0, "", "whether the stream is of buses (from 0.5 on) or of lorries"),
     FamilyParameter(
-        "mast_m", 1.5, 6.5, "m", "from the stream to the mast: if it is near, each lorry hides the next one"
+        "mast_m", 0.0, 1.6, "m", "from the stream to the mast: if it is near, each lorry hides the next one"
     ),
 )
 _TWO_LANES = (
