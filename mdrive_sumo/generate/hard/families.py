@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 from mdrive_sumo.generate.hard import (
-    families_junctions,
     families_queues,
     families_rows,
     riders,
@@ -11,7 +10,6 @@ from mdrive_sumo.generate.hard import (
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 
 _ALL: tuple[ScenarioFamily, ...] = (
-    *families_junctions.FAMILIES,
     *families_queues.FAMILIES,
     *families_rows.FAMILIES,
     *riders.FAMILIES,

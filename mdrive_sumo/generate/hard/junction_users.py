@@ -9,7 +9,7 @@ from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, compute_t
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
-from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
+from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.start_boxes import CAR
 from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_driving_actor, build_mast
 from mdrive_sumo.worlds.placement.cavs import NoRoomError, build_cav
@@ -20,14 +20,6 @@ RIM_M = 5.0
 """[m] Least distance of a vehicle's centre from the beginning of its lanes, and of a goal from their end."""
 MAST_M = 0.5
 """[m] A roadside unit hangs this far from the conflict, above the junction."""
-QUEUE = ("bus", "truck", "van", "car", "truck", "van", "car")
-"""Vehicles that stand beyond a gap, from the gap on: what is high hides most."""
-QUEUE_GAP_M = 2.0
-"""[m] Between standing vehicles."""
-SETS_OFF_S = 30.0
-"""[s] When a queue moves on: later than CAVs have to be through it."""
-QUEUE_MPS = 7.0
-"""[m/s] Of a queue that moves on."""
 GOAL_M = 45.0
 """[m] From the conflict to the goals: a CAV has left the junction and a wreck in it by then."""
 SLOW_MPS = 4.0
@@ -102,14 +94,6 @@ def compute_due_behind(roads: RoadMap, ahead: Actor, way: tuple[Lanes, float], b
     timing = compute_timing(roads, way[0])
     start_m = find_station(roads, way[0], ahead.start.x, ahead.start.y)
     return timing.compute_between(start_m, way[1]) + behind_s
-
-
-def build_queued_vehicle(
-    roads: RoadMap, name: str, model: str, way: JunctionWay, at_m: float, sets_off_s: float
-) -> Actor:
-    """Return a vehicle that stands in a queue, its middle at a station [m] of a way, until it moves on."""
-    drive = (way.lanes, at_m, QUEUE_MPS)
-    return build_driving_actor(roads, name, model, drive, trigger=TimeTrigger(at_s=sets_off_s), action=StartMotion())
 
 
 def build_masts(roads: RoadMap, conflict: JunctionConflict, values: Values) -> tuple[RoadsideUnit, ...]:
