@@ -1,4 +1,4 @@
-"""MapView: the rectangle of the world that a picture shows."""
+"""What a picture or a scene shows of the world: a rectangle around points, or the area near them."""
 
 from dataclasses import dataclass
 
@@ -7,6 +7,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,3 +52,16 @@ def fit_view(xy: Float, margin_m: float = 16.0, min_side_m: float = 60.0, min_as
     half = np.maximum(half, half.max() * min_aspect)
     (left, low), (right, high) = centre - half, centre + half
     return MapView(float(left), float(low), float(right), float(high))
+
+
+def list_route_points(record: EpisodeRecord, scenario: Scenario) -> Float:
+    """Return the points (K, 2) [m] of all that CAVs drove and of all routes."""
+    driven = record.valid[:, : record.egos]
+    xy = np.stack((record.x[:, : record.egos][driven], record.y[:, : record.egos][driven]), axis=-1)
+    return np.concatenate([xy, *(ego.xy for ego in scenario.egos)])
+
+
+def find_area(points: Float, margin_m: float, cell_m: float) -> BaseGeometry:
+    """Return the area within a margin [m] of points (N, 2) [m], which are grouped by cells of a grid first."""
+    cells = np.unique(np.rint(points / cell_m), axis=0) * cell_m
+    return shapely.MultiPoint(cells).buffer(margin_m + cell_m, quad_segs=4)

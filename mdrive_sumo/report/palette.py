@@ -2,8 +2,11 @@
 
 import colorsys
 from collections.abc import Mapping
+from itertools import cycle
 from types import MappingProxyType
 
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scenario.scripted_actor import KindName
 
 _FIXED = ("#2f6bed", "#e0701a", "#12946b", "#b83fa6", "#0f93b5", "#c93a4b", "#7a5be0", "#8a7a12")
@@ -97,3 +100,10 @@ def format_custom_properties() -> str:
     """Return the colours as a style sheet: custom properties of the root, light and dark."""
     light, dark = (" ".join(f"--{name}: {value};" for name, value in colours.items()) for colours in (LIGHT, DARK))
     return f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
+
+
+def choose_colours(record: EpisodeRecord) -> list[str]:
+    """Return the colour of every road user by column: CAVs by their order, others by their kind."""
+    by_kind = {Kind[name.upper()]: colour for name, colour in KIND_COLOURS.items()}
+    cavs = [colour for _, colour in zip(range(record.egos), cycle(CAV_COLOURS), strict=False)]
+    return [*cavs, *(by_kind[Kind(kind)] for kind in record.kind[record.egos :].tolist())]

@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.episode.camera_archive import CameraTrack
+from mdrive_sumo.report.map_view import find_area
 from mdrive_sumo.report.replay_marks import ReplayMark
 from mdrive_sumo.report.replay_messages import build_message_tables
 from mdrive_sumo.report.replay_notes import list_notes
@@ -163,12 +165,10 @@ def pack_line(xy: Float, origin: Float) -> list[int]:
     return _centimetres(xy, origin).ravel().tolist()
 
 
-def _surroundings(episode: EpisodeRecord, scenario: Scenario) -> Any:
-    """The area (a shapely geometry) within `SURROUNDINGS_M` of every road user and of every route."""
+def _surroundings(episode: EpisodeRecord, scenario: Scenario) -> BaseGeometry:
+    """The area within `SURROUNDINGS_M` of every road user and of every route."""
     present = np.stack((episode.x[episode.valid], episode.y[episode.valid]), axis=-1)
-    points = np.concatenate([present, *(ego.xy for ego in scenario.egos)])
-    cells = np.unique(np.rint(points / CELL_M), axis=0) * CELL_M
-    return shapely.buffer(shapely.multipoints(cells), SURROUNDINGS_M + CELL_M, quad_segs=4)
+    return find_area(np.concatenate([present, *(ego.xy for ego in scenario.egos)]), SURROUNDINGS_M, CELL_M)
 
 
 def pack_map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:

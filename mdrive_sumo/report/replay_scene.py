@@ -5,13 +5,12 @@ import gzip
 from functools import lru_cache
 
 import numpy as np
-import shapely
-from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.report.map_view import find_area, list_route_points
 from mdrive_sumo.report.scene_3d import RoadUserLook, describe_road_user, pack_scene
 from mdrive_sumo.report.view_3d_script import build_view_3d_script
 from mdrive_sumo.roads import RoadMap
@@ -61,17 +60,8 @@ def build_boxes(episode: EpisodeRecord, tick: int) -> Objects:
 
 def pack_replay_scene(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, origin: Float) -> str:
     """Return the packed scene around the CAVs as base64 text; origin (2,): that of the replay's coordinates [m]."""
-    area = find_replay_area(episode, scenario)
+    area = find_area(list_route_points(episode, scenario), MARGIN_M, CELL_M)
     return base64.b64encode(pack_scene(roads, area, scenario.weather, origin.tolist())).decode()
-
-
-def find_replay_area(episode: EpisodeRecord, scenario: Scenario) -> BaseGeometry:
-    """Return what can be seen from the CAVs: the area around their places and their routes."""
-    egos = episode.valid[:, : episode.egos]
-    present = np.stack((episode.x[:, : episode.egos][egos], episode.y[:, : episode.egos][egos]), axis=-1)
-    points = np.concatenate([present, *(ego.xy for ego in scenario.egos)])
-    cells = np.unique(np.rint(points / CELL_M), axis=0) * CELL_M
-    return shapely.MultiPoint(cells).buffer(MARGIN_M + CELL_M, quad_segs=4)
 
 
 @lru_cache(maxsize=1)

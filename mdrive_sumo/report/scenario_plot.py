@@ -16,11 +16,17 @@ from matplotlib.path import Path as Outline
 
 from mdrive_sumo.core.geometry import Float, box_corners, build_polyline
 from mdrive_sumo.core.output_files import make_parents, new_file
-from mdrive_sumo.core.state import DT, Kind
+from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
 from mdrive_sumo.report.map_view import MapView, fit_view
-from mdrive_sumo.report.palette import CAV_COLOURS, KIND_COLOURS, LIGHT, MIN_SIZE_M
+from mdrive_sumo.report.palette import (
+    CAV_COLOURS,
+    KIND_COLOURS,
+    LIGHT,
+    MIN_SIZE_M,
+    choose_colours,
+)
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.drawing.map_geometry import MapGeometry, build_map_geometry
 from mdrive_sumo.scenario.background import BackgroundVehicle
@@ -298,20 +304,13 @@ def draw_episode(axes: Axes, record: EpisodeRecord, scenario: Scenario, roads: R
     draw_map(axes, roads, fit_view(np.concatenate([ego.xy for ego in scenario.egos])))
     for ego, colour in zip(scenario.egos, cycle(CAV_COLOURS)):
         axes.plot(*ego.xy.T, color=colour, linewidth=2.0, linestyle=":", zorder=7)
-    colours = _choose_colours(record)
+    colours = choose_colours(record)
     for i in np.flatnonzero(record.valid[tick]).tolist():
         if i < record.egos:
             driven = record.valid[: tick + 1, i]
             axes.plot(record.x[: tick + 1, i][driven], record.y[: tick + 1, i][driven], color=colours[i], zorder=7)
         _draw_road_user(axes, record, tick, i, colours[i])
     axes.set_title(f"{record.scenario}, tick {tick} ({tick * DT:.2f} s)", fontsize=10)
-
-
-def _choose_colours(record: EpisodeRecord) -> Sequence[str]:
-    """Return the colour of every road user by column: CAVs by their order, others by their kind."""
-    by_kind = {Kind[name.upper()]: colour for name, colour in KIND_COLOURS.items()}
-    egos = [colour for _, colour in zip(range(record.egos), cycle(CAV_COLOURS), strict=False)]
-    return [*egos, *(by_kind[Kind(kind)] for kind in record.kind[record.egos :].tolist())]
 
 
 def _draw_road_user(axes: Axes, record: EpisodeRecord, tick: int, i: int, colour: str) -> None:

@@ -18,6 +18,7 @@ from shapely.geometry.base import BaseGeometry
 from mdrive_sumo.contract.camera_rigs import build_camera_rig
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind, RoadUsers
+from mdrive_sumo.report.map_view import find_area
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import WeatherName
 from mdrive_sumo.sensing.camera.camera_model import FAR_PLANE_M, NEAR_PLANE_M, VIEW_M
@@ -63,8 +64,7 @@ def describe_road_user(name: str, kind: Kind, length: float, width: float) -> Ro
 
 def find_scene_area(points: Float, margin_m: float = VIEW_M) -> BaseGeometry:
     """Return the area within a margin [m] of points (N, 2) [m]; the default is as far as cameras see."""
-    cells = np.unique(np.rint(points / CELL_M), axis=0) * CELL_M
-    return shapely.MultiPoint(cells).buffer(margin_m + CELL_M, quad_segs=4)
+    return find_area(points, margin_m, CELL_M)
 
 
 def pack_scene(

@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
 from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
 from mdrive_sumo.report.palette import LIGHT
@@ -192,11 +191,3 @@ class FramePainter(ABC):
         left, top = box.x - box.width / 2, -box.y - box.height / 2
         self.canvas.fill_card((left, top, left + box.width, top + box.height), colour, "#ffffff")
         self.canvas.write(name, (box.x, top + 1.1 * size), size, "#ffffff", "centre")
-
-
-def list_route_points(episode: RenderedEpisode) -> Float:
-    """Return the points (K, 2) [m] of all routes and of all that CAVs drove."""
-    record = episode.record
-    driven = record.valid[:, : record.egos]
-    xy = np.stack((record.x[:, : record.egos][driven], record.y[:, : record.egos][driven]), axis=-1)
-    return np.concatenate([xy, *(ego.xy for ego in episode.scenario.egos)])

@@ -5,14 +5,15 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import cycle
 
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Int
-from mdrive_sumo.core.state import Kind
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.report.palette import CAV_COLOURS, KIND_COLOURS, LIGHT
+from mdrive_sumo.report.palette import (
+    LIGHT,
+    choose_colours,
+)
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScenarioResult
@@ -77,10 +78,7 @@ class RenderedEpisode:
     @cached_property
     def colours(self) -> list[str]:
         """Colours by column: CAVs by their order, others by their kind."""
-        record = self.record
-        by_kind = {Kind[name.upper()]: colour for name, colour in KIND_COLOURS.items()}
-        cavs = [colour for _, colour in zip(range(record.egos), cycle(CAV_COLOURS), strict=False)]
-        return [*cavs, *(by_kind[Kind(kind)] for kind in record.kind[record.egos :].tolist())]
+        return choose_colours(self.record)
 
     @cached_property
     def heights(self) -> Float:

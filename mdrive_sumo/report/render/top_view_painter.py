@@ -10,11 +10,14 @@ import shapely
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.report.label_placement import LabelBox
-from mdrive_sumo.report.map_view import fit_view
+from mdrive_sumo.report.map_view import (
+    fit_view,
+    list_route_points,
+)
 from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT, MIN_SIZE_M
 from mdrive_sumo.report.render.cameras import Camera, Rings, TopCamera, build_rings, lift
 from mdrive_sumo.report.render.canvas import fade
-from mdrive_sumo.report.render.frame_painter import FramePainter, list_route_points
+from mdrive_sumo.report.render.frame_painter import FramePainter
 from mdrive_sumo.report.render.rendered_episode import RenderedEpisode
 from mdrive_sumo.roads.drawing.map_geometry import MapGeometry, build_map_geometry, list_signal_heads
 from mdrive_sumo.roads.drawing.road_paint import build_road_paint, widen_line
@@ -77,7 +80,7 @@ class TopViewPainter(FramePainter):
     def __init__(self, episode: RenderedEpisode, size: tuple[int, int], messages: bool, follow: int | None) -> None:
         super().__init__(episode, size, messages)
         self.follow = follow
-        points = list_route_points(episode)
+        points = list_route_points(episode.record, episode.scenario)
         view = fit_view(points)
         width, height = view.size
         self._middle = (view.left + view.right) / 2, (view.low + view.high) / 2
