@@ -9,6 +9,7 @@ become the file of that name; of `study twins`, the scores that are compared. A 
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 
@@ -28,7 +29,7 @@ from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.scenario.scenario import load_model
 from mdrive_sumo.scoring import Results, load_results, summarize_run
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
-from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary, summarise_gain
+from mdrive_sumo.study.gain import AGENTS, CELLS, METRICS, GainRow, GainSummary, summarise_gain
 from mdrive_sumo.study.gain_files import build_gain_table, build_score_table, judge_gains
 from mdrive_sumo.study.seasons import SeasonRow, summarise_seasons
 from mdrive_sumo.study.seasons_files import build_seasons_table
@@ -72,10 +73,11 @@ def _summarise_gain(runs: Runs) -> GainSummary:
     groups = _group_runs(runs, lambda results: str(results.run.conditions["sensing"]))
     seeds = {key: sorted(seed for results in found for seed in results.run.all_seeds) for key, found in groups.items()}
     wanted = next(iter(seeds.values()))
-    for sensing, agent in sorted({cell for part in PARTS for cell in part.terms}):
+    cells = [cell for cell in product(SensingProfile, AGENTS) if cell in CELLS]
+    for sensing, agent in cells:
         if (found := seeds.get((agent, sensing), [])) != wanted:
             raise InputError(f"table gain: expected {agent}, sensing {sensing}, with seeds {wanted}, found {found}")
-    return summarise_gain([GainRow(SensingProfile(key[1]), key[0], found) for key, found in groups.items()])
+    return summarise_gain([GainRow(sensing, agent, groups[agent, sensing]) for sensing, agent in cells])
 
 
 def _list_seasons(runs: Runs, metric: str) -> Paragraphs:

@@ -36,8 +36,9 @@ from mdrive_sumo.study.two_agent_files import (
 def gain_command(ctx: click.Context, **options: Any) -> None:
     """Split the gain of sharing into occlusion, noise and intent.
 
-    Drives single, sharing and sharing+negotiation under both sensing profiles. Writes gain.json, gain.csv and
-    gain.md into --out, and every run into --out/runs. The same command given again continues an interrupted study.
+    Drives single and sharing under both sensing profiles, sharing+negotiation under the realistic one. Writes
+    gain.json, gain.csv and gain.md into --out, and every run into --out/runs. The same command given again continues
+    an interrupted study.
 
     Exit codes: 0 every scenario has a score, 1 some are void or an agent failed, 2 unusable input, 130 interrupted.
     """

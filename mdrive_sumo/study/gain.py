@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,8 @@ PARTS = (
         {(REALISTIC, NEGOTIATING): 1, (REALISTIC, SINGLE): -1},
     ),
 )
+CELLS: frozenset[Cell] = frozenset(cell for part in PARTS for cell in part.terms)
+"""What has to be driven."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +86,13 @@ class GainStudy:
 
     def episodes(self) -> int:
         """Return the number of episodes."""
-        return len(SensingProfile) * len(self.seeds) * sum(len(run.scenarios) for run in self.agents.values())
+        return len(self.seeds) * sum(len(self.agents[name].scenarios) for _, name in CELLS)
 
     def rows(self, progress: StudyProgress) -> Iterator[GainRow]:
         """Drive the unfinished runs and yield the rows. Raises InputError and KeyboardInterrupt."""
-        for sensing in SensingProfile:
-            for name, prepared in self.agents.items():
-                yield GainRow(sensing, name, tuple(self._drive(sensing, name, prepared, progress)))
+        for sensing, name in product(SensingProfile, self.agents):
+            if (sensing, name) in CELLS:
+                yield GainRow(sensing, name, tuple(self._drive(sensing, name, self.agents[name], progress)))
 
     def _drive(
         self, sensing: SensingProfile, name: str, prepared: PreparedRun, progress: StudyProgress

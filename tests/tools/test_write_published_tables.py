@@ -217,7 +217,7 @@ def test_a_table_of_several_seasons_or_with_missing_runs_is_refused() -> None:
         if not name.startswith("seasons"):
             with pytest.raises(InputError, match=r"expected runs of one suite( and season)?, found mdrive@1"):
                 TABLES[name](runs)
-    with pytest.raises(InputError, match=r"expected sharing, sensing perfect, with seeds \[0, 1\], found \[1\]"):
+    with pytest.raises(InputError, match=r"expected sharing, sensing realistic, with seeds \[0, 1\], found \[1\]"):
         TABLES["gain"]([one for one in list_gain_runs() if one.run.agent != "sharing" or one.run.seed])
 
 
