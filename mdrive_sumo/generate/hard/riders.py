@@ -36,6 +36,7 @@ from mdrive_sumo.worlds.placement.lane_chains import (
     compute_lane_begins,
     compute_pose,
 )
+from mdrive_sumo.worlds.placement.occupancy import overlaps_building
 
 FRONT_STEP_M = 0.05
 """[m] Steps in which a row is moved back until it is clear."""
@@ -176,6 +177,8 @@ def _build_row(
             parked = build_parked_vehicle(f"{name}{k}", model, pose, mirrored=False)
             box = build_user_box(parked)
             front_m -= FRONT_STEP_M
+            if overlaps_building(box, roads):
+                return
             if box.distance(line) >= rider_m - bend_m and box.distance(paths) >= values["side_m"] - BEND_M:
                 yield parked
                 front_m -= length + ROW_GAP_M
@@ -227,6 +230,17 @@ _TURN_PLACES = (
     _choose(area="town", control="priority", beside="parking"),
     _choose(area="old_town", control="priority", beside="cycle_lanes"),
 )
+_COUNTRY = (
+    _choose(area="country", control="priority", speed_kmh=70),
+    _choose(area="country", control="stop", speed_kmh=70),
+    _choose(area="country", control="priority", speed_kmh=60),
+)
+_QUIET = (
+    PlaceChoice("town_block", {"area": "old_town", "control": "right_before_left", "rows": 2, "keeps_sight": False}),
+    PlaceChoice("town_block", {"area": "town", "control": "main_street", "columns": 3, "keeps_sight": False}),
+    _choose(area="old_town", control="right_before_left", speed_kmh=30),
+    _choose(area="suburb", control="right_before_left", speed_kmh=30),
+)
 _MINOR = ("yield", "stop", "right-before-left")
 
 
@@ -236,7 +250,7 @@ def _name_parameters(**bounds: tuple[float, float]) -> tuple[FamilyParameter, ..
 
     return (
         SITE,
-        name("own", 1.5, 3.4, "", "number of CAVs on the first way, rounded"),
+        name("own", 1.6, 3.4, "", "number of CAVs on the first way, rounded"),
         name("back", 0.6, 3.4, "", "number of CAVs on the second way, if there is one, rounded"),
         FamilyParameter("due_s", 3.0, 4.5, "s", "time after which the first CAV is due at the riders' line"),
         FamilyParameter("back_s", -0.5, 1.5, "s", "how much later the first one on the second way is due"),
@@ -301,7 +315,7 @@ FAMILIES = (
         "right-hook",
         "CAVs turn across a cycle track on which groups of pedelecs come from behind parked vans.",
         _TURN_PLACES,
-        _name_parameters(wall_m=(3.5, 3.9), pause_s=(9.0, 12.0), lasts_s=(5.5, 8.0), own=(1.5, 2.4), back=(0.6, 2.4)),
+        _name_parameters(wall_m=(3.5, 3.9), pause_s=(9.0, 12.0), lasts_s=(5.5, 8.0), own=(1.6, 2.4), back=(0.6, 2.4)),
         partial(
             stage_riders,
             RiderKind(
@@ -310,6 +324,26 @@ FAMILIES = (
                 partial(find_turning_sites, controls=("priority-road",)),
                 is_beside_riders=True,
             ),
+        ),
+    ),
+    ScenarioFamily(
+        "country-cycle-track",
+        "CAVs of a minor country road cross the cycle track beside a main one behind parked lorries.",
+        _COUNTRY,
+        _name_parameters(),
+        partial(
+            stage_riders,
+            RiderKind("bicycle", PARKED, partial(find_crossing_sites, controls=_MINOR, beside_lane=False)),
+        ),
+    ),
+    ScenarioFamily(
+        "pavement-rider",
+        "CAVs of quiet streets cross a pavement on which groups of e-scooters come behind parked vans.",
+        _QUIET,
+        _name_parameters(riding=(5.6, 7.0), wall_m=(0.8, 1.6), every_s=(1.0, 1.5)),
+        partial(
+            stage_riders,
+            RiderKind("e-scooter", PARKED, partial(find_crossing_sites, controls=_MINOR, beside_lane=False)),
         ),
     ),
 )
