@@ -228,7 +228,7 @@ _STREAM = (
     FamilyParameter("flows_s", 6.0, 8.5, "s", "for how long after the first CAV is due it goes on"),
     FamilyParameter("pause_s", 2.0, 4.0, "s", "pause before it comes again, besides the time that the CAVs need"),
     FamilyParameter(
-        "mast_m", 0.0, 6.0, "m", "distance of a roadside unit behind the stream, above the way of the CAVs"
+        "mast_m", 1.0, 6.0, "m", "distance of a roadside unit behind the stream, above the way of the CAVs"
     ),
     FamilyParameter("queue_m", 50.0, 90.0, "m", "length of the queue before the gap"),
 )
@@ -262,7 +262,7 @@ FAMILIES = (
             HEADWAY,
             *_STREAM,
             FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the motorcycles"),
-            FamilyParameter("every_s", 0.7, 1.1, "s", "time between two motorcycles"),
+            FamilyParameter("every_s", 0.6, 0.8, "s", "time between two motorcycles"),
         ),
         stage_filtering_motorcycles,
     ),
@@ -277,7 +277,7 @@ FAMILIES = (
             HEADWAY,
             *_STREAM,
             FamilyParameter("speed", 7.0, 9.0, "m/s", "speed of the cyclists, on pedelecs"),
-            FamilyParameter("every_s", 0.7, 1.1, "s", "time between two cyclists"),
+            FamilyParameter("every_s", 0.6, 1.0, "s", "time between two cyclists"),
         ),
         stage_filtering_cyclists,
     ),
@@ -294,7 +294,7 @@ FAMILIES = (
             HEADWAY,
             *_STREAM,
             FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the mopeds"),
-            FamilyParameter("every_s", 0.6, 0.9, "s", "time between two mopeds"),
+            FamilyParameter("every_s", 0.6, 0.8, "s", "time between two mopeds"),
         ),
         stage_two_queues,
     ),
