@@ -1,5 +1,6 @@
 """Plots with matplotlib: networks, scenarios at their start, and single ticks of recorded episodes."""
 
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from itertools import cycle
@@ -45,8 +46,12 @@ TITLE_ASPECT = 0.72
 NAME_POINTS, NAME_ASPECT = 9.0, 0.66
 """Size of the names of CAVs, and the mean width of a letter relative to it."""
 POINTS_PER_INCH = 72.0
-CAPTION_INCHES = 0.95
-"""Height of the captions above and below the map."""
+TITLE_INCHES, LEGEND_INCHES, LEGEND_ROW_INCHES = 0.6, 0.35, 0.2
+"""Height of the captions above the map, of the first row of CAVs below it, and of each further row."""
+LEGEND_ENTRY_INCHES = 1.1
+"""Width of a CAV in those rows: its id and the length of its route."""
+LEAST_ASPECT = 0.62
+"""Least width of a picture as a share of its height: captions need room."""
 
 
 def draw_map(axes: Axes, roads: RoadMap, view: MapView) -> None:
@@ -141,11 +146,12 @@ def save_scenario_plot(scenario: Scenario, roads: RoadMap, path: Path, dpi: int 
 
     Raises OSError, and ValueError for an unknown suffix.
     """
-    view = fit_view(np.concatenate([ego.xy for ego in scenario.egos]))
-    figure, axes = _make_figure(view)
+    view = fit_view(np.concatenate([ego.xy for ego in scenario.egos]), min_aspect=LEAST_ASPECT)
+    figure, axes = _make_figure(view, len(scenario.egos))
     draw_scenario(axes, scenario, roads, view)
     _draw_scale(axes, view)
     _write_captions(figure, scenario, roads)
+    _write_cavs(figure, scenario.egos)
     make_parents(path)
     with new_file(path) as file:
         figure.savefig(file, format=path.suffix[1:] or "png", dpi=dpi)
@@ -172,13 +178,20 @@ def draw_scenario(axes: Axes, scenario: Scenario, roads: RoadMap, view: MapView)
     _draw_names(axes, scenario.egos, view)
 
 
-def _make_figure(view: MapView) -> tuple[Figure, Axes]:
+def _make_figure(view: MapView, cavs: int = 0) -> tuple[Figure, Axes]:
     width, height = view.size
     scale = SIDE_INCHES / max(width, height)
-    total = height * scale + CAPTION_INCHES
+    rows = math.ceil(cavs / _count_columns(width * scale))
+    below = LEGEND_INCHES + LEGEND_ROW_INCHES * max(rows - 1, 0)
+    total = height * scale + TITLE_INCHES + below
     figure = Figure(figsize=(width * scale, total), facecolor="white")
     FigureCanvasAgg(figure)
-    return figure, figure.add_axes((0.0, 0.35 / total, 1.0, height * scale / total))
+    return figure, figure.add_axes((0.0, below / total, 1.0, height * scale / total))
+
+
+def _count_columns(inches: float) -> int:
+    """Return how many CAVs a row of the legend holds."""
+    return max(int(inches / LEGEND_ENTRY_INCHES), 1)
 
 
 def _draw_background(axes: Axes, vehicle: BackgroundVehicle, roads: RoadMap) -> None:
@@ -285,13 +298,19 @@ def _write_captions(figure: Figure, scenario: Scenario, roads: RoadMap) -> None:
     text = " · ".join(filter(None, (scenario.description, facts)))
     line = textwrap.shorten(text, int(inches * POINTS_PER_INCH / (8.5 * NAME_ASPECT) * 1.15), placeholder=" …")
     figure.text(0.012, 1 - 0.45 / height, line, fontsize=8.5, va="center", color=LIGHT["muted"])
-    for i, (ego, colour) in enumerate(zip(scenario.egos, cycle(CAV_COLOURS))):
-        x = 0.012 + 0.976 * i / max(len(scenario.egos), 6)
-        length = build_polyline(ego.xy).length
+
+
+def _write_cavs(figure: Figure, egos: Sequence[Ego]) -> None:
+    """Write the id and the length of the route of every CAV below the map, in rows."""
+    width, height = (float(inches) for inches in figure.get_size_inches())
+    columns = _count_columns(width)
+    rows = math.ceil(len(egos) / columns)
+    for i, (ego, colour) in enumerate(zip(egos, cycle(CAV_COLOURS))):
+        row, column = divmod(i, columns)
         figure.text(
-            x,
-            0.17 / height,
-            f"■ {ego.id}: {length:.0f} m",
+            0.012 + LEGEND_ENTRY_INCHES * column / width,
+            (0.17 + LEGEND_ROW_INCHES * (rows - 1 - row)) / height,
+            f"■ {ego.id}: {build_polyline(ego.xy).length:.0f} m",
             color=colour,
             fontsize=9,
             weight="bold",
