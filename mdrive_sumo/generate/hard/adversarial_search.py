@@ -116,10 +116,10 @@ class _FamilyQueue:
     def turn(self) -> float:
         """What the next worker process goes by, the least first: candidates that were given, for those that passed.
 
-        It changes no candidate, but a search that ends early has more of the families of which much passes; the root
-        keeps the others from waiting for ever.
+        It changes no candidate, but a search that ends early has more of the families of which much passes, above all
+        with certificates of level `all`, of which a suite needs many; the root keeps the others from waiting for ever.
         """
-        return (self.proposed - len(self.waiting)) / math.sqrt(1.0 + self.search.passed)
+        return (self.proposed - len(self.waiting)) / math.sqrt(1.0 + self.search.passed + self.search.proven)
 
     def advance(self) -> None:
         """Record what is evaluated, in the order of the proposals, and propose one more candidate for each."""

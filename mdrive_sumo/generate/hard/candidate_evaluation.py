@@ -116,6 +116,11 @@ class CandidateFigures(BaseModel):
         return math.fsum(self.scores[variant.name] for variant in VARIANTS) / len(VARIANTS)
 
     @property
+    def best_variants_score(self) -> float:
+        """Mean of the three best of them: two of kin and one more, because one alone may be lucky with its seed."""
+        return math.fsum(sorted(self.scores[variant.name] for variant in VARIANTS)[-3:]) / 3
+
+    @property
     def driving_s(self) -> float:
         """Times of all CAVs with `omniscient` together [s]."""
         return sum(self.reference_ticks.values()) * DT
@@ -146,7 +151,7 @@ class CandidateEvaluation(BaseModel):
 
     @property
     def merit(self) -> float:
-        """How much is gained by breeding from it: what the agents without messages lose, most where it is certified.
+        """How much is gained by breeding from it: what the best without messages lose, most where it is certified.
 
         Below 2 for one that was rejected: the more, the less the agent reached that rejected it; most where agents
         without messages are lost.
@@ -155,7 +160,7 @@ class CandidateEvaluation(BaseModel):
             lost = 0.0 if self.rejected_score is None else 1.0 - self.rejected_score / FULL_SCORE
             return lost + (self.stage is RejectionStage.GAP)
         found = self.figures
-        best = max(found.unaided_score, found.variants_score)
+        best = max(found.unaided_score, found.best_variants_score)
         return FULL_SCORE - best + FULL_SCORE * (found.need.holds + (found.need.proves is Proof.ALL))
 
     def make_recipe(self, place: HardPlace) -> HardRecipe:

@@ -33,11 +33,11 @@ PROBE_MODE = ScoreMode.HARD
 MOST_UNAIDED, MOST_MEAN_UNAIDED = 62.0, 55.0
 """Score that agents without messages may reach with seed 0, and on average: where they do better, cooperation is not
 what is missing. The aim is a mean of 40 over the suite; other candidates balance what lies above it."""
-MOST_GIVEN, MOST_MEAN_GIVEN = 98.0, 96.0
-"""Score that the best rules that see and talk may reach. Near 100: where agents without messages are lost, a scenario
-that messages nearly solve shows what they are worth; the choice sees to the mean."""
 ANY = 100.0
 """No bound: the full score."""
+MOST_GIVEN, MOST_MEAN_GIVEN = ANY, 98.0
+"""Score that the best rules that see and talk may reach. Near 100: where agents without messages are lost, a scenario
+that messages nearly solve shows what they are worth; the choice sees to the mean, which is 67 in a trial."""
 MOST_MEAN_VARIANTS = 45.0
 """Mean of the speeding and cautious drivers: the aim is 40 for each, and a choice has others to balance some."""
 VARIANT_SPREAD, VARIANT_ERRORS = 15.0, 2.0

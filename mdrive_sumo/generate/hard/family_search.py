@@ -20,6 +20,7 @@ from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
 from mdrive_sumo.generate.hard.hard_places import HardPlace
 from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR
 from mdrive_sumo.generate.seasons.season_seed import SeasonSeed
+from mdrive_sumo.study.need_certificate import Proof
 
 AHEAD = 32
 """Candidates that are proposed and not yet recorded: fewer learn earlier, more keep workers busy while one that passes,
@@ -37,8 +38,8 @@ millions of evaluations; a hundred need longer steps."""
 GIVE_UP, GIVE_UP_WITHOUT_PASS = 48, 96
 """Candidates after which a family ends of which none was dangerous and solved, and none passed: it costs drives and
 gives nothing."""
-ENOUGH = 90
-"""Candidates that passed with which a family ends: a suite takes 30 of one, and has a choice among three for each."""
+ENOUGH = 45
+"""Candidates that passed with which a family ends: a suite takes 30 of one."""
 SIGNIFICANT_DIGITS = 4
 """Of values: recipes are read by people, and the last bits of a computation do not reach them."""
 PARENT_STAGES = (RejectionStage.UNAIDED, RejectionStage.GAP)
@@ -82,6 +83,11 @@ class FamilySearch:
     def passed(self) -> int:
         """Number of candidates that passed."""
         return self._passed.total()
+
+    @property
+    def proven(self) -> int:
+        """Number of those that passed with a certificate of level `all`."""
+        return sum(one.figures is not None and one.figures.need.proves is Proof.ALL for one in self.evaluations)
 
     def propose(self) -> FamilyCandidate:
         """Return the next candidate. Candidates are the same again if the same number is recorded at each call."""
