@@ -120,7 +120,7 @@ def test_the_order_in_which_candidates_finish_changes_nothing(tmp_path: Path, mo
     for executor in (LocalExecutor, ManyWorkers):
         monkeypatch.setattr(adversarial_search, "ProcessPool", executor)
         out = tmp_path / executor.__name__
-        assert "found none; a larger --budget" in run_command("--season", 7, "--budget", 80, "--out", out).output
+        assert "found none; a larger --budget" in run_command("--season", 7, "--budget", 44, "--out", out).output
         lines = (tmp_path / f"{out.name}.search" / "journal.jsonl").read_text().splitlines()
         journals.append([json.dumps(json.loads(line)["result"]) for line in lines[1:]])
     one, many = journals
