@@ -34,6 +34,8 @@ from mdrive_sumo.scenario.scenario import describe_first_error
 
 CANDIDATE_LIMIT_S = 600.0
 """Wall clock for one candidate: it ends what hangs, and must not end what only waits for a busy machine."""
+LEAST_COUNTED = 5
+"""A family has turns as if so many had passed: a suite needs two of each category, and a choice among them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,9 +119,11 @@ class _FamilyQueue:
         """What the next worker process goes by, the least first: candidates that were given, for those that passed.
 
         It changes no candidate, but a search that ends early has more of the families of which much passes, above all
-        with certificates of level `all`, of which a suite needs many; the root keeps the others from waiting for ever.
+        with certificates of level `all`, of which a suite needs many. The root, and the least number, keep the others
+        from waiting for ever.
         """
-        return (self.proposed - len(self.waiting)) / math.sqrt(1.0 + self.search.passed + self.search.proven)
+        passed = max(self.search.passed + self.search.proven, LEAST_COUNTED)
+        return (self.proposed - len(self.waiting)) / math.sqrt(passed)
 
     def advance(self) -> None:
         """Record what is evaluated, in the order of the proposals, and propose one more candidate for each."""
