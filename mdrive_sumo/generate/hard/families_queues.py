@@ -40,7 +40,7 @@ BESIDE_M = 2.5
 """[m] Half the width of a lane, and a car's half: where a CAV beside its line touches what stands in the lane."""
 CLEAR_M = CAR.width / 2 + 0.45
 """[m] No vehicle of a queue stands closer to the route, which may bend towards it: CAVs would drive around it."""
-QUEUE_GAP_M = 1.0
+QUEUE_GAP_M = 0.8
 """[m] Between vehicles that stand in a queue."""
 NUDGE_M = 0.1
 """[m] By which a vehicle is moved on until a CAV has room."""
@@ -216,14 +216,14 @@ def _choose_models(values: Values, seed: str, hides_both: bool = False) -> tuple
     hides_both: behind it too.
     """
     rng = random.Random(f"{seed}/queue")
-    before, behind = (["bus", rng.choice(HIGH), *rng.choices(MODELS, k=MOST_QUEUED)] for _ in range(2))
+    before, behind = (["articulated-bus", rng.choice(HIGH), *rng.choices(MODELS, k=MOST_QUEUED)] for _ in range(2))
     count = int(np.searchsorted(np.cumsum([BODY_SIZES[model][0] for model in before]), values["queue_m"])) + 1
     return before[:count], behind[: count if hides_both else BEHIND]
 
 
 _STREAM = (
-    FamilyParameter("gap_m", 0.5, 1.2, "m", "distance of the queue from the side of a CAV in its gap"),
-    FamilyParameter("behind_m", 0.3, 0.5, "m", "distance of the stream from the flanks of the queue"),
+    FamilyParameter("gap_m", 0.45, 0.8, "m", "distance of the queue from the side of a CAV in its gap"),
+    FamilyParameter("behind_m", 0.3, 0.4, "m", "distance of the stream from the flanks of the queue"),
     FamilyParameter("before_s", 1.5, 3.0, "s", "how much earlier than the first CAV the stream begins"),
     FamilyParameter("flows_s", 6.0, 8.5, "s", "for how long after the first CAV is due it goes on"),
     FamilyParameter("pause_s", 2.0, 4.0, "s", "pause before it comes again, besides the time that the CAVs need"),
@@ -276,7 +276,7 @@ FAMILIES = (
             _DUE,
             HEADWAY,
             *_STREAM,
-            FamilyParameter("speed", 7.0, 9.0, "m/s", "speed of the cyclists, on pedelecs"),
+            FamilyParameter("speed", 8.0, 11.5, "m/s", "speed of the cyclists, on pedelecs of up to 45 km/h"),
             FamilyParameter("every_s", 0.6, 1.0, "s", "time between two cyclists"),
         ),
         stage_filtering_cyclists,
