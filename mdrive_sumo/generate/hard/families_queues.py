@@ -227,11 +227,10 @@ _STREAM = (
     FamilyParameter("before_s", 1.5, 3.0, "s", "how much earlier than the first CAV the stream begins"),
     FamilyParameter("flows_s", 6.0, 8.5, "s", "for how long after the first CAV is due it goes on"),
     FamilyParameter("pause_s", 2.0, 4.0, "s", "pause before it comes again, besides the time that the CAVs need"),
-    FamilyParameter(
-        "mast_m", 1.0, 6.0, "m", "distance of a roadside unit behind the stream, above the way of the CAVs"
-    ),
     FamilyParameter("queue_m", 50.0, 90.0, "m", "length of the queue before the gap"),
 )
+_BEHIND_STREAM = "distance of a roadside unit behind the stream, above the way of the CAVs"
+_MAST = FamilyParameter("mast_m", 1.0, 6.0, "m", _BEHIND_STREAM)
 _OWN = name_number("own", 2.0, 4.4, "in the column that has to cross")
 _DUE = FamilyParameter("due_s", 3.5, 5.0, "s", "time after which the first CAV is due at the stream")
 _CROSSINGS = tuple(
@@ -261,6 +260,7 @@ FAMILIES = (
             _DUE,
             HEADWAY,
             *_STREAM,
+            _MAST,
             FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the motorcycles"),
             FamilyParameter("every_s", 0.6, 0.8, "s", "time between two motorcycles"),
         ),
@@ -276,6 +276,7 @@ FAMILIES = (
             _DUE,
             HEADWAY,
             *_STREAM,
+            _MAST,
             FamilyParameter("speed", 8.0, 11.5, "m/s", "speed of the cyclists, on pedelecs of up to 45 km/h"),
             FamilyParameter("every_s", 0.6, 1.0, "s", "time between two cyclists"),
         ),
@@ -293,6 +294,7 @@ FAMILIES = (
             _DUE,
             HEADWAY,
             *_STREAM,
+            FamilyParameter("mast_m", -0.6, 0.6, "m", _BEHIND_STREAM),
             FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the mopeds"),
             FamilyParameter("every_s", 0.6, 0.8, "s", "time between two mopeds"),
         ),

@@ -33,7 +33,6 @@ BODY_SIZES: Mapping[str, tuple[float, float]] = {
     "truck": (9.5, 2.5),
     "bus": (12.0, 2.55),
     "articulated-bus": (18.0, 2.55),
-    "articulated-bus": (18.0, 2.55),
     "semitrailer": (16.5, 2.55),
     "ambulance": (6.2, 2.1),
 }
