@@ -9,6 +9,7 @@ become the file of that name; of `study twins`, the scores that are compared. A 
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
@@ -18,8 +19,9 @@ import click
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.core.output_files import write_text
-from mdrive_sumo.core.statistics import Verdict, describe_comparisons
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, Verdict, describe_comparisons
 from mdrive_sumo.core.tables import (
+    TOO_FEW,
     format_markdown,
     join_paragraphs,
 )
@@ -174,8 +176,12 @@ def _format_table(table: str, values: Values, opened: Sequence[OpenLoopResults])
     if kind != found:
         raise InputError(f"table {table}: expected values of {kind}, found values of {found}")
     if kind == "study paper":
-        return join_paragraphs((_describe_runs(values[CLOSED]), *list_paper_table(table, values, opened)))
-    return join_paragraphs(_list_twins(values) if table == TWINS else TABLES[table](values[WHOLE]))
+        parts = _describe_runs(values[CLOSED]), *list_paper_table(table, values, opened)
+    else:
+        parts = _list_twins(values) if table == TWINS else TABLES[table](values[WHOLE])
+    text = join_paragraphs(parts)
+    is_said = TOO_FEW not in text or TOO_FEW_NOTE in text
+    return text if is_said else join_paragraphs((text.rstrip(), TOO_FEW_NOTE))
 
 
 Fresh = Mapping[str, tuple[Values, Sequence[OpenLoopResults]]]
@@ -185,15 +191,19 @@ Fresh = Mapping[str, tuple[Values, Sequence[OpenLoopResults]]]
 def fill_page(text: str, root: Path, page: str, fresh: Fresh = MappingProxyType({})) -> str:
     """Return a page with its marked tables written anew. Raises InputError for an unknown table and for a bad file."""
 
+    @cache
+    def find_values(name: str) -> tuple[Values, Sequence[OpenLoopResults]]:
+        path = root / VALUES / f"{name}.parquet"
+        return fresh[name] if name in fresh else (read_values(path), read_opened(path))
+
     def fill(match: re.Match[str]) -> str:
         begin, name, table, end = match.groups()
         if table not in (known := (*TABLES, TWINS, *PAPER_TABLES)):
             raise InputError(f"{page}: table: expected one of {', '.join(known)}, found {table}")
-        path = root / VALUES / f"{name}.parquet"
-        if name not in fresh and not path.is_file() and any(words in match[0] for words in WITHOUT_FILE):
+        has_file = name in fresh or (root / VALUES / f"{name}.parquet").is_file()
+        if not has_file and any(words in match[0] for words in WITHOUT_FILE):
             return match[0]
-        values, opened = fresh[name] if name in fresh else (read_values(path), read_opened(path))
-        return f"{begin}\n{_format_table(table, values, opened)}\n{end}"
+        return f"{begin}\n{_format_table(table, *find_values(name))}\n{end}"
 
     return MARK.sub(fill, text)
 
