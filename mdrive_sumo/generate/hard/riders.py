@@ -46,6 +46,8 @@ ROUNDING_M = 0.02
 """[m] Poses are rounded."""
 BEND_M = 0.15
 """[m] What stands beside a way that bends may be so much nearer to it."""
+SHIFTS_M = (0.0, 0.1, 0.2, 0.3, 0.4)
+"""[m] Long vehicles beside a bend stand so much farther aside: an arc of 100 m rises by 0.3 m over 16 m."""
 ROW_BEGIN_M = 8.0
 """[m] A row begins at least so far behind the begin of its lane."""
 BEYOND_M = 5.0
@@ -95,7 +97,7 @@ def stage_riders(kind: RiderKind, values: Values, seed: str, roads: RoadMap) -> 
     if not sites:
         raise refuse_place(roads, "a street that ways cross beside its lanes")
     site = choose_site(sites, values["site"])
-    opposite = None if kind.is_beside_riders else find_opposite(site, sites)
+    opposite = None if kind.is_beside_riders else find_opposite(roads, site, sites)
     parts = [_find_crossings(roads, one, values) for one in (site, opposite) if one is not None]
     columns = _list_columns([crossing for part in parts for crossing in part], values)
     actors: list[Actor] = []
@@ -161,6 +163,27 @@ class _Row:
     """... and where the vehicles stand from there: 1.0 to the left, -1.0 to the right."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Room:
+    """What a row keeps clear of."""
+
+    roads: RoadMap
+    line: shapely.LineString
+    """Of the riders."""
+    rider_m: float
+    paths: shapely.MultiLineString
+    """Of the CAVs."""
+    side_m: float
+
+    def is_free(self, box: shapely.Polygon, slack_m: float) -> bool:
+        """Return whether a box stands in no building, and clear of riders, up to `slack_m` [m], and CAVs."""
+        return (
+            box.distance(self.line) >= self.rider_m - slack_m
+            and box.distance(self.paths) >= self.side_m - BEND_M
+            and not overlaps_building(box, self.roads)
+        )
+
+
 def _build_row(
     roads: RoadMap, kind: RiderKind, crossings: Sequence[_Crossing], values: Values, name: str
 ) -> Iterator[Actor]:
@@ -168,21 +191,31 @@ def _build_row(
     rider_m = BODIES[kind.rider].width / 2 + values["free_m"]
     row = _plan_row(roads, kind, crossings[0], rider_m, values["side_m"])
     paths = shapely.MultiLineString([_build_path(roads, one) for one in crossings])
-    line, front_m = crossings[0].strip.line, row.front_m
+    room = _Room(roads, crossings[0].strip.line, rider_m, paths, values["side_m"])
+    front_m = row.front_m
     for k, model in enumerate(kind.row):
-        length, width = BODY_SIZES[model]
-        offset, bend_m = row.flank_m + row.side * width / 2, BEND_M if k else 0.0
-        while front_m - length > row.begin_m:
-            pose = compute_pose(roads, row.lanes, front_m - length / 2, offset)
-            parked = build_parked_vehicle(f"{name}{k}", model, pose, mirrored=False)
-            box = build_user_box(parked)
+        length = BODY_SIZES[model][0]
+        found: Actor | None = None
+        while found is None and front_m - length > row.begin_m:
+            found = _place(room, row, front_m, (f"{name}{k}", model), BEND_M if k else 0.0)
             front_m -= FRONT_STEP_M
-            if overlaps_building(box, roads):
-                return
-            if box.distance(line) >= rider_m - bend_m and box.distance(paths) >= values["side_m"] - BEND_M:
-                yield parked
-                front_m -= length + ROW_GAP_M
-                break
+        if found is not None:
+            yield found
+            front_m -= length + ROW_GAP_M
+
+
+def _place(room: _Room, row: _Row, front_m: float, who: tuple[str, str], slack_m: float) -> Actor | None:
+    """Return a vehicle with its front at a station [m] where it is free, moved a little aside if need be; who: id and
+    model."""
+    length, width = BODY_SIZES[who[1]]
+    for shift_m in SHIFTS_M:
+        offset = row.flank_m + row.side * (width / 2 + shift_m)
+        parked = build_parked_vehicle(
+            *who, compute_pose(room.roads, row.lanes, front_m - length / 2, offset), mirrored=False
+        )
+        if room.is_free(build_user_box(parked), slack_m):
+            return parked
+    return None
 
 
 def _plan_row(roads: RoadMap, kind: RiderKind, crossing: _Crossing, rider_m: float, side_m: float) -> _Row:
@@ -207,7 +240,9 @@ def _find_begin(roads: RoadMap, lanes: Lanes, before_m: float) -> float:
 
 
 def _choose(**parameters: str | int | float | bool) -> PlaceChoice:
-    return PlaceChoice("crossing", {"arms": 4, "speed_kmh": 50, "keeps_sight": False, "skew_deg": 0.0, **parameters})
+    return PlaceChoice(
+        "crossing", {"arms": 4, "speed_kmh": 50, "keeps_sight": False, "skew_deg": 0.0, "bend": 0.0, **parameters}
+    )
 
 
 _CYCLE_PLACES = (
@@ -255,11 +290,11 @@ def _name_parameters(**bounds: tuple[float, float]) -> tuple[FamilyParameter, ..
         FamilyParameter("due_s", 3.0, 4.5, "s", "time after which the first CAV is due at the riders' line"),
         FamilyParameter("back_s", -0.5, 1.5, "s", "how much later the first one on the second way is due"),
         HEADWAY,
-        name("riding", 8.0, 9.5, "m/s", "speed of the riders"),
-        name("before_s", 0.8, 1.8, "s", "how much earlier than the first CAV the first rider is due"),
+        name("riding", 8.3, 9.5, "m/s", "speed of the riders"),
+        name("before_s", 1.2, 2.2, "s", "how much earlier than the first CAV the first rider is due"),
         name("every_s", 0.9, 1.4, "s", "time between two riders"),
         name("lasts_s", 8.0, 11.0, "s", "how long a group of riders takes to pass"),
-        name("pause_s", 6.0, 8.0, "s", "pause between two groups"),
+        name("pause_s", 7.0, 9.0, "s", "pause between two groups"),
         name("wall_m", 1.0, 1.8, "m", "distance of the riders from the edge of the street's lanes"),
         name("free_m", 0.3, 0.4, "m", "distance of what stands at the kerb from the riders"),
         name("side_m", 1.45, 1.65, "m", "its distance from the middle of the CAVs' way"),
@@ -315,7 +350,7 @@ FAMILIES = (
         "right-hook",
         "CAVs turn across a cycle track on which groups of pedelecs come from behind parked vans.",
         _TURN_PLACES,
-        _name_parameters(wall_m=(3.5, 3.9), pause_s=(9.0, 12.0), lasts_s=(5.5, 8.0), own=(1.6, 2.4), back=(0.6, 2.4)),
+        _name_parameters(wall_m=(3.5, 3.9), pause_s=(9.0, 12.0), lasts_s=(6.5, 9.0), own=(1.6, 2.4), back=(0.6, 2.4)),
         partial(
             stage_riders,
             RiderKind(

@@ -88,9 +88,10 @@ def _build_crossing_site(roads: RoadMap, site: Crossroads) -> RiderSite:
     )
 
 
-def find_opposite(site: RiderSite, others: Sequence[RiderSite]) -> RiderSite | None:
+def find_opposite(roads: RoadMap, site: RiderSite, others: Sequence[RiderSite]) -> RiderSite | None:
     """Return the site of the approach that faces that of a site."""
-    return next((one for one in others if one.ways[0] == site.facing), None)
+    facing = "" if site.facing is None else roads.lanes[site.facing.approach].edge
+    return next((one for one in others if roads.lanes[one.ways[0].approach].edge == facing), None)
 
 
 @lru_cache(maxsize=128)
