@@ -4,13 +4,14 @@ The riders keep their course and their speed, and follow so closely one behind t
 gets through between two of them. Who knows of them waits for the pause behind a group.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import shapely
 
+from mdrive_sumo.contract.briefing import JunctionKind
 from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
 from mdrive_sumo.generate.hard.junction_parameters import HEADWAY, SITE
@@ -22,7 +23,6 @@ from mdrive_sumo.generate.hard.sites.rider_sites import (
     RiderStrip,
     find_crossing_sites,
     find_opposite,
-    find_turning_sites,
 )
 from mdrive_sumo.generate.hard.streams import RoadUserStream, build_stream
 from mdrive_sumo.roads import RoadMap
@@ -42,8 +42,6 @@ FRONT_STEP_M = 0.05
 """[m] Steps in which a row is moved back until it is clear."""
 ROW_GAP_M = 0.4
 """[m] Between vehicles of a row: parked bumper to bumper, so that there is no sight between them."""
-ROUNDING_M = 0.02
-"""[m] Poses are rounded."""
 BEND_M = 0.15
 """[m] What stands beside a way that bends may be so much nearer to it."""
 SHIFTS_M = (0.0, 0.1, 0.2, 0.3, 0.4)
@@ -52,7 +50,7 @@ ROW_BEGIN_M = 8.0
 """[m] A row begins at least so far behind the begin of its lane."""
 BEYOND_M = 5.0
 """[m] Beyond the riders' line, from where the front of a row is sought."""
-PATH_M = 25.0
+PATH_M = 65.0, 20.0
 """[m] Length of a way before and behind the riders' line of which a row keeps its distance."""
 STREAM_M = 100.0
 """[m] Before the crossing to where riders appear: a rider of 8 m/s is there 12 s before."""
@@ -72,10 +70,11 @@ class RiderKind:
     rider: str
     """Model of `BODIES`."""
     row: tuple[str, ...]
-    """Models of what stands at the kerb, from the riders' line back."""
-    find_sites: Callable[[RoadMap], tuple[RiderSite, ...]]
-    is_beside_riders: bool = False
-    """Whether the row stands between lane and riders, along their line; otherwise it stands beside the CAVs' lane."""
+    """Models of what stands beside the CAVs' way, from the riders' line back."""
+    controls: tuple[JunctionKind, ...]
+    """Of the CAVs' approach."""
+    beside_lane: bool = False
+    """Whether the row stands in another lane at the right, not at the kerb."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,36 +92,34 @@ class _Crossing:
 def stage_riders(kind: RiderKind, values: Values, seed: str, roads: RoadMap) -> FamilyScene:
     """Return CAVs that cross streams of riders behind what stands at the kerb. Raises ProposalRejected, NoRoomError."""
     del seed
-    sites = kind.find_sites(roads)
+    sites = find_crossing_sites(roads, kind.controls, kind.beside_lane)
     if not sites:
-        raise refuse_place(roads, "a street that ways cross beside its lanes")
+        raise refuse_place(roads, "an approach to a street with traffic both ways")
     site = choose_site(sites, values["site"])
-    opposite = None if kind.is_beside_riders else find_opposite(roads, site, sites)
-    parts = [_find_crossings(roads, one, values) for one in (site, opposite) if one is not None]
-    columns = _list_columns([crossing for part in parts for crossing in part], values)
+    opposite = find_opposite(roads, site, sites)
+    crossings = [_find_crossing(roads, one, values) for one in (site, opposite) if one is not None]
     actors: list[Actor] = []
-    for k, part in enumerate(parts):
-        actors += _build_riders(roads, kind, part[0], values, f"rider{k}_")
-        actors += _build_row(roads, kind, part, values, f"parked{k}_")
+    for k, crossing in enumerate(crossings):
+        actors += _build_riders(roads, kind, crossing, values, f"rider{k}_")
+        actors += _build_row(roads, kind, crossing, values, f"parked{k}_")
     masts = tuple(
-        build_mast(f"rsu{k}", compute_pose(roads, part[0].way.lanes, part[0].own_m, MAST_M))
-        for k, part in enumerate(parts)
+        build_mast(f"rsu{k}", compute_pose(roads, one.way.lanes, one.own_m, MAST_M))
+        for k, one in enumerate(crossings)
         if values[("mast", "mast_back")[k]] >= 0.5
     )
-    return FamilyScene(build_columns(roads, columns), (), tuple(actors), masts)
+    return FamilyScene(build_columns(roads, _list_columns(crossings, values)), (), tuple(actors), masts)
 
 
-def _find_crossings(roads: RoadMap, site: RiderSite, values: Values) -> list[_Crossing]:
-    outward = values["wall_m"] if site.edge_m > 0.0 else -values["wall_m"]
-    strip = RiderStrip(roads, site.lanes, site.edge_m + outward)
-    met = [(way, strip.find_met(way)) for way in site.ways]
-    if met[0][1] is None:
+def _find_crossing(roads: RoadMap, site: RiderSite, values: Values) -> _Crossing:
+    strip = RiderStrip(roads, site.lanes, site.edge_m + values["wall_m"])
+    met = strip.find_met(site.way)
+    if met is None:
         raise NoRoomError(f"network {roads.name}: expected a way across the riders' line, found none")
-    return [_Crossing(way, strip, *stations) for way, stations in met if stations is not None]
+    return _Crossing(site.way, strip, *met)
 
 
 def _list_columns(crossings: Sequence[_Crossing], values: Values) -> list[CavColumn]:
-    """Return the column of the first way, and that of the second one if there is one."""
+    """Return the column of the first way, and that of the second one, if there is one."""
     numbers = (round(values["own"]), round(values["back"]))
     due_s = (values["due_s"], values["due_s"] + values["back_s"])
     return [
@@ -150,20 +147,6 @@ def _build_riders(roads: RoadMap, kind: RiderKind, crossing: _Crossing, values: 
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
-    """A row of vehicles that stand along lanes."""
-
-    lanes: Lanes
-    front_m: float
-    """Station [m] from which on back the first one is placed."""
-    begin_m: float
-    flank_m: float
-    """[m] Of one of its sides to the left of the lanes ..."""
-    side: float
-    """... and where the vehicles stand from there: 1.0 to the left, -1.0 to the right."""
-
-
-@dataclass(frozen=True, slots=True)
 class _Room:
     """What a row keeps clear of."""
 
@@ -171,7 +154,7 @@ class _Room:
     line: shapely.LineString
     """Of the riders."""
     rider_m: float
-    paths: shapely.MultiLineString
+    path: shapely.LineString
     """Of the CAVs."""
     side_m: float
 
@@ -179,63 +162,55 @@ class _Room:
         """Return whether a box stands in no building, and clear of riders, up to `slack_m` [m], and CAVs."""
         return (
             box.distance(self.line) >= self.rider_m - slack_m
-            and box.distance(self.paths) >= self.side_m - BEND_M
+            and box.distance(self.path) >= self.side_m - BEND_M
             and not overlaps_building(box, self.roads)
         )
 
 
-def _build_row(
-    roads: RoadMap, kind: RiderKind, crossings: Sequence[_Crossing], values: Values, name: str
-) -> Iterator[Actor]:
-    """Yield what stands in a row up to the riders' line, or along it up to the ways that cross it."""
-    rider_m = BODIES[kind.rider].width / 2 + values["free_m"]
-    row = _plan_row(roads, kind, crossings[0], rider_m, values["side_m"])
-    paths = shapely.MultiLineString([_build_path(roads, one) for one in crossings])
-    room = _Room(roads, crossings[0].strip.line, rider_m, paths, values["side_m"])
-    front_m = row.front_m
+def _build_row(roads: RoadMap, kind: RiderKind, crossing: _Crossing, values: Values, name: str) -> Iterator[Actor]:
+    """Yield what stands beside a way, up to the riders' line."""
+    rider_m, side_m = BODIES[kind.rider].width / 2 + values["free_m"], values["side_m"]
+    room = _Room(roads, crossing.strip.line, rider_m, _build_path(roads, crossing), side_m)
+    front_m, begin_m = crossing.own_m + BEYOND_M, _find_begin(roads, crossing.way)
+    last = shapely.Polygon()
     for k, model in enumerate(kind.row):
         length = BODY_SIZES[model][0]
         found: Actor | None = None
-        while found is None and front_m - length > row.begin_m:
-            found = _place(room, row, front_m, (f"{name}{k}", model), BEND_M if k else 0.0)
+        while found is None and front_m - length > begin_m:
+            slack_m = BEND_M if k else 0.0
+            placed = _list_places(roads, crossing.way.lanes, (front_m, side_m), (f"{name}{k}", model))
+            found = next((one for one in placed if _is_placed(room, one, last, slack_m)), None)
             front_m -= FRONT_STEP_M
         if found is not None:
             yield found
-            front_m -= length + ROW_GAP_M
+            last = build_user_box(found)
+            front_m -= length
 
 
-def _place(room: _Room, row: _Row, front_m: float, who: tuple[str, str], slack_m: float) -> Actor | None:
-    """Return a vehicle with its front at a station [m] where it is free, moved a little aside if need be; who: id and
-    model."""
+def _is_placed(room: _Room, parked: Actor, last: shapely.Polygon, slack_m: float) -> bool:
+    box = build_user_box(parked)
+    return room.is_free(box, slack_m) and (last.is_empty or box.distance(last) >= ROW_GAP_M)
+
+
+def _list_places(roads: RoadMap, lanes: Lanes, place: tuple[float, float], who: tuple[str, str]) -> Iterator[Actor]:
+    """Yield a vehicle whose front is at a station [m] and whose flank is at a distance [m] from the lanes, and the same
+    ever farther aside; who: id and model."""
     length, width = BODY_SIZES[who[1]]
+    front_m, flank_m = place
     for shift_m in SHIFTS_M:
-        offset = row.flank_m + row.side * (width / 2 + shift_m)
-        parked = build_parked_vehicle(
-            *who, compute_pose(room.roads, row.lanes, front_m - length / 2, offset), mirrored=False
-        )
-        if room.is_free(build_user_box(parked), slack_m):
-            return parked
-    return None
-
-
-def _plan_row(roads: RoadMap, kind: RiderKind, crossing: _Crossing, rider_m: float, side_m: float) -> _Row:
-    if kind.is_beside_riders:
-        strip = crossing.strip
-        begin_m = _find_begin(roads, strip.lanes, crossing.at_m)
-        return _Row(strip.lanes, crossing.at_m, begin_m, strip.offset + rider_m + ROUNDING_M, 1.0)
-    way = crossing.way
-    return _Row(way.lanes, crossing.own_m + BEYOND_M, _find_begin(roads, way.lanes, way.stop_m), -side_m, -1.0)
+        pose = compute_pose(roads, lanes, front_m - length / 2, -(flank_m + width / 2 + shift_m))
+        yield build_parked_vehicle(*who, pose, mirrored=False)
 
 
 def _build_path(roads: RoadMap, crossing: _Crossing) -> shapely.LineString:
     """Return the line of a way around the place where it crosses the riders' line."""
-    stations = np.arange(max(crossing.own_m - PATH_M, 0.0), crossing.own_m + PATH_M)
+    stations = np.arange(max(crossing.own_m - PATH_M[0], 0.0), crossing.own_m + PATH_M[1])
     return build_pose_line([compute_pose(roads, crossing.way.lanes, one) for one in stations.tolist()])
 
 
-def _find_begin(roads: RoadMap, lanes: Lanes, before_m: float) -> float:
-    """Return where a row on a chain of lanes begins at the earliest: on the last lane that begins well before."""
-    begins = [one for one in compute_lane_begins(roads, lanes) if one < before_m - 2 * ROW_BEGIN_M]
+def _find_begin(roads: RoadMap, way: JunctionWay) -> float:
+    """Return where a row beside a way begins at the earliest: on the last lane that begins well before the junction."""
+    begins = [one for one in compute_lane_begins(roads, way.lanes) if one < way.stop_m - 2 * ROW_BEGIN_M]
     return max(begins, default=0.0) + ROW_BEGIN_M
 
 
@@ -255,15 +230,11 @@ _MAIN_PLACES = (
     _choose(area="old_town", control="priority", beside="parking"),
     _choose(area="town", control="priority", beside="cycle_lanes"),
     _choose(area="suburb", control="priority", beside="cycle_lanes", zebras=True),
-    PlaceChoice("corridor", {"junctions": 3, "limit_kmh": 50.0, "signals": "none", "keeps_sight": False}),
+    PlaceChoice("town_block", {"area": "old_town", "control": "main_street", "columns": 3, "keeps_sight": False}),
 )
 _TWO_LANES = (
     _choose(area="town", control="priority", main_lanes=2),
     _choose(area="old_town", control="priority", main_lanes=2),
-)
-_TURN_PLACES = (
-    _choose(area="town", control="priority", beside="parking"),
-    _choose(area="old_town", control="priority", beside="cycle_lanes"),
 )
 _COUNTRY = (
     _choose(area="country", control="priority", speed_kmh=70),
@@ -276,7 +247,7 @@ _QUIET = (
     _choose(area="old_town", control="right_before_left", speed_kmh=30),
     _choose(area="suburb", control="right_before_left", speed_kmh=30),
 )
-_MINOR = ("yield", "stop", "right-before-left")
+_MINOR: tuple[JunctionKind, ...] = ("yield", "stop", "right-before-left")
 
 
 def _name_parameters(**bounds: tuple[float, float]) -> tuple[FamilyParameter, ...]:
@@ -314,7 +285,7 @@ FAMILIES = (
             RiderKind(
                 "bicycle",
                 PARKED,
-                partial(find_crossing_sites, controls=_MINOR, beside_lane=False),
+                _MINOR,
             ),
         ),
     ),
@@ -328,7 +299,7 @@ FAMILIES = (
             RiderKind(
                 "bicycle",
                 PARKED,
-                partial(find_crossing_sites, controls=("priority-road",), beside_lane=False),
+                ("priority-road",),
             ),
         ),
     ),
@@ -342,22 +313,8 @@ FAMILIES = (
             RiderKind(
                 "bicycle",
                 BUSES,
-                partial(find_crossing_sites, controls=("priority-road",), beside_lane=True),
-            ),
-        ),
-    ),
-    ScenarioFamily(
-        "right-hook",
-        "CAVs turn across a cycle track on which groups of pedelecs come from behind parked vans.",
-        _TURN_PLACES,
-        _name_parameters(wall_m=(3.5, 3.9), pause_s=(9.0, 12.0), lasts_s=(6.5, 9.0), own=(1.6, 2.4), back=(0.6, 2.4)),
-        partial(
-            stage_riders,
-            RiderKind(
-                "bicycle",
-                PARKED,
-                partial(find_turning_sites, controls=("priority-road",)),
-                is_beside_riders=True,
+                ("priority-road",),
+                beside_lane=True,
             ),
         ),
     ),
@@ -368,7 +325,7 @@ FAMILIES = (
         _name_parameters(),
         partial(
             stage_riders,
-            RiderKind("bicycle", PARKED, partial(find_crossing_sites, controls=_MINOR, beside_lane=False)),
+            RiderKind("bicycle", PARKED, _MINOR),
         ),
     ),
     ScenarioFamily(
@@ -378,7 +335,7 @@ FAMILIES = (
         _name_parameters(riding=(5.6, 7.0), wall_m=(0.8, 1.6), every_s=(1.0, 1.5)),
         partial(
             stage_riders,
-            RiderKind("e-scooter", PARKED, partial(find_crossing_sites, controls=_MINOR, beside_lane=False)),
+            RiderKind("e-scooter", PARKED, _MINOR),
         ),
     ),
 )

@@ -1,6 +1,6 @@
 """Strips beside streets on which riders come, and the ways through a junction that cross them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -9,7 +9,7 @@ import shapely
 
 from mdrive_sumo.contract.briefing import JunctionKind
 from mdrive_sumo.generate.hard.sites.crossroads import Crossroads, find_crossroads
-from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, find_junction_ways
+from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, build_pose_line, build_route_line, compute_pose
 
@@ -23,13 +23,13 @@ STRIP_STEP_M = 2.0
 
 @dataclass(frozen=True, slots=True)
 class RiderSite:
-    """A street along which riders come, and ways that cross their line at one of its edges."""
+    """A street along which riders come, and a way that crosses their line at its left edge."""
 
     lanes: Lanes
     """Of the street, in the direction of the riders."""
     edge_m: float
-    """[m] From these lanes to the edge of the street where the riders come, to the left; negative: to the right."""
-    ways: tuple[JunctionWay, ...]
+    """[m] From these lanes to the edge of the street where the riders come, to the left."""
+    way: JunctionWay
     facing: JunctionWay | None = None
     """The way from the opposite approach."""
 
@@ -84,36 +84,11 @@ def _build_crossing_site(roads: RoadMap, site: Crossroads) -> RiderSite:
     pose = compute_pose(roads, near.other.lanes, near.other_m)
     _, aside = build_route_line(roads, far.other.lanes).curve.project(pose.x, pose.y)
     return RiderSite(
-        far.other.lanes, aside + roads.lanes[near.other.approach].width / 2, (near.own,), site.back and site.back.own
+        far.other.lanes, aside + roads.lanes[near.other.approach].width / 2, near.own, site.back and site.back.own
     )
 
 
 def find_opposite(roads: RoadMap, site: RiderSite, others: Sequence[RiderSite]) -> RiderSite | None:
     """Return the site of the approach that faces that of a site."""
     facing = "" if site.facing is None else roads.lanes[site.facing.approach].edge
-    return next((one for one in others if roads.lanes[one.ways[0].approach].edge == facing), None)
-
-
-@lru_cache(maxsize=128)
-def find_turning_sites(roads: RoadMap, controls: tuple[JunctionKind | None, ...]) -> tuple[RiderSite, ...]:
-    """Return the streets on which riders come from behind at the right: the way that turns right across their line,
-    and the one that turns left into the same street from the other direction, if there is one."""
-    return tuple(_pair_turns(roads, controls))
-
-
-def _pair_turns(roads: RoadMap, controls: tuple[JunctionKind | None, ...]) -> Iterator[RiderSite]:
-    ways = find_junction_ways(roads)
-    for own in ways:
-        if own.turn != "right" or own.control not in controls:
-            continue
-        same = [one for one in ways if one.junction == own.junction]
-        straight = [one for one in same if one.approach == own.approach and one.turn == "straight"]
-        entered = {roads.lanes[name].edge for name in own.lanes[own.index + 1 :] if not roads.lanes[name].junction}
-        left = [
-            one
-            for one in same
-            if one.turn == "left" and {roads.lanes[name].edge for name in one.lanes[one.index + 1 :]} & entered
-        ]
-        if straight:
-            edge_m = -roads.lanes[own.approach].width / 2
-            yield RiderSite(straight[0].lanes, edge_m, (own, *left[:1]))
+    return next((one for one in others if roads.lanes[one.way.approach].edge == facing), None)
