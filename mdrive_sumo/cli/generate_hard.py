@@ -24,13 +24,14 @@ from mdrive_sumo.generate.hard.family_search import FamilySearch
 from mdrive_sumo.generate.hard.hard_places import HardPlace, draw_pool, list_choices
 from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR, find_families
 from mdrive_sumo.generate.hard.hard_selection import ChosenCandidate, choose_scenarios
-from mdrive_sumo.generate.hard.hard_suite import write_hard_suite
-from mdrive_sumo.generate.hard.suite_aims import find_missed_aims, is_proven
+from mdrive_sumo.generate.hard.hard_suite import certify_chosen, write_hard_suite
+from mdrive_sumo.generate.hard.suite_aims import find_missed_aims
 from mdrive_sumo.generate.hard.suite_requirements import LEAST_SCENARIOS
 from mdrive_sumo.generate.seasons.season_seed import SeasonSeed, parse_season
 from mdrive_sumo.roads.netconvert import find_netconvert
 from mdrive_sumo.runs.journal import open_journal
 from mdrive_sumo.scenario.suite import SuiteFile
+from mdrive_sumo.study.need_certificate import NeedCertificate, Proof
 
 HARD_NAME = "hard"
 BUDGET = 96
@@ -115,8 +116,9 @@ def generate_hard(ctx: click.Context, options: Mapping[str, Any], out: Path) -> 
     if not chosen:
         tried = sum(len(search.evaluations) for search in searches)
         raise InputError(f"{folder}: expected a scenario among {tried} candidates, found none; a larger --budget helps")
-    write_hard_suite(about, chosen, out)
-    echo(_format_chosen(chosen, count, out))
+    need = certify_chosen(chosen, options["workers"])
+    write_hard_suite(about, chosen, need, out)
+    echo(_format_chosen(chosen, need, count, out))
     return 0 if len(chosen) == count else 1
 
 
@@ -159,15 +161,17 @@ def _format_rejections(evaluations: Sequence[CandidateEvaluation]) -> str:
     return f"; rejected {counts}" if counts else ""
 
 
-def _format_chosen(chosen: Sequence[ChosenCandidate], count: int, out: Path) -> str:
+def _format_chosen(
+    chosen: Sequence[ChosenCandidate], need: Mapping[str, NeedCertificate], count: int, out: Path
+) -> str:
     evaluations = [one.evaluation for one in chosen]
     names = evaluations[0].measured.scores
     means = {name: sum(one.measured.scores[name] for one in evaluations) / len(chosen) for name in names}
     missed = list(find_missed_aims(evaluations, count))
     return (
         f"{len(chosen)} of {count} scenarios: {out}; {len({one.family for one in evaluations})} categories on"
-        f" {len({one.place for one in evaluations})} places, {sum(one.measured.need.holds for one in evaluations)}"
-        f" certificates of need, {sum(map(is_proven, evaluations))} of level all; mean scores"
+        f" {len({one.place for one in evaluations})} places, {sum(one.holds for one in need.values())}"
+        f" certificates of need, {sum(one.proves is Proof.ALL for one in need.values())} of level all; mean scores"
         f" {', '.join(f'{name} {mean:.1f}' for name, mean in means.items())}\n"
         + (f"aims missed: {'; '.join(missed)}" if missed else "all aims are met")
     )

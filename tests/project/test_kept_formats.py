@@ -89,7 +89,7 @@ NOT_KEPT = {
         "written only",
     ),
     **dict.fromkeys(("networks/1", "conversion/1"), "written only"),
-    **dict.fromkeys(("hard-search/4", "paper-plan/1"), "goes on with the version that began"),
+    **dict.fromkeys(("hard-search/5", "paper-plan/1"), "goes on with the version that began"),
     "hard-recipe/1": "its families are gone: rebuilding hard@0 says so",
     "contract/3": "no file: what crosses the border to an agent",
 }

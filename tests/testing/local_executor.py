@@ -71,6 +71,7 @@ def run_in_process(patch: pytest.MonkeyPatch) -> None:
         "generate.validation.scenario_validation",
         "generate.hard.adversarial_search",
         "generate.hard.hard_places",
+        "generate.hard.hard_suite",
     ):
         patch.setattr(f"mdrive_sumo.{module}.ProcessPool", LocalExecutor)
     agents: Mapping[str, Any] = {**AGENTS, TALKER: Talker}

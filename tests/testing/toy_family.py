@@ -5,6 +5,7 @@ from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation, 
 from mdrive_sumo.generate.hard.candidate_probes import PROBES, TALKING_NAMES, VARIANTS
 from mdrive_sumo.generate.hard.candidate_rejection import RejectionStage
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
+from mdrive_sumo.generate.hard.hard_selection import ChosenCandidate
 from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.study.need_certificate import NeedCertificate
@@ -54,6 +55,11 @@ def evaluate_by_formula(task: CandidateTask) -> CandidateEvaluation:
     return blank.model_copy(update={"figures": make_figures(blank.id, 60.0 + start, 20.0 + 20.0 * signals)})
 
 
+def certify_nothing(one: ChosenCandidate) -> NeedCertificate:
+    """Return a certificate that proves nothing, without any drive."""
+    return NeedCertificate(scenario=one.scenario.id, conflicts=())
+
+
 def make_figures(
     scenario: str, score: float, unaided: float, factor: float = 1.5, controlled: int = 1
 ) -> CandidateFigures:
@@ -65,5 +71,5 @@ def make_figures(
         limit_factor=factor,
         scores={**scores, "omniscient": 98.0},
         controlled_routes=controlled,
-        need=NeedCertificate(scenario=scenario, conflicts=()),
+        is_proven=False,
     )

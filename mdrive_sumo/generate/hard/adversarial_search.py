@@ -52,7 +52,7 @@ class SearchSettings:
     def fingerprint(self) -> Fingerprint:
         """What makes two searches the same: neither budget nor families, which only extend a search."""
         return {
-            "search": "mdrive-sumo/hard-search/4",
+            "search": "mdrive-sumo/hard-search/5",
             "generator": HARD_GENERATOR,
             **self.seed.describe(),
             "places": PLACES_OF_CHOICE,

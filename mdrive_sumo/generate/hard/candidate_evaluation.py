@@ -1,9 +1,9 @@
 """Evaluate a candidate of the adversarial search: built, solved by `omniscient`, and how much the rules lose.
 
 First comes what rejects most in a second of processor time: build -> length -> danger (blind driving must do harm) ->
-feasibility (`omniscient`, seed 0) -> blind driving and `single` (seed 0, then others) -> certificate of need with
-the factor of the time limits -> speeding and cautious drivers (a seed each) -> rules that talk (seed 0) -> feasibility
-with other seeds -> rules that talk with other seeds. Only what the choice needs is kept.
+feasibility (`omniscient`, seed 0) -> blind driving and `single` (seed 0, then others) -> factor of the time limits, and
+whether a certificate is of level `all` -> speeding and cautious drivers (a seed each) -> rules that talk (seed 0) ->
+feasibility with other seeds -> rules that talk with other seeds. Only what the choice needs is kept.
 """
 
 import math
@@ -39,6 +39,7 @@ from mdrive_sumo.generate.hard.time_limits import (
     MOST_FACTOR,
     choose_limit_factor,
     compute_time_limits,
+    is_missed,
     set_time_limits,
 )
 from mdrive_sumo.generate.rejection import ProposalRejected
@@ -50,7 +51,7 @@ from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.statistics import compute_route_length
 from mdrive_sumo.scenario.variation import vary_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, find_arrival_ticks, score_episode
-from mdrive_sumo.study.need_certificate import NeedCertificate, Proof, certify_need
+from mdrive_sumo.study.need_certificate import find_cautious_arrival
 
 BLIND_AGENT = "constant-speed"
 """It is driven before anything else, and cheaply: most random candidates hold no conflict at all."""
@@ -92,8 +93,8 @@ class CandidateFigures(BaseModel):
     """Mean scores (mode `hard`) over the seeds of each probe, by its name, and of `omniscient`."""
     controlled_routes: int = Field(ge=0)
     """CAVs that meet a priority sign, a light or a stop sign."""
-    need: NeedCertificate
-    """The certificate of need, from the drive with seed 0."""
+    is_proven: bool
+    """Whether no driver without messages can be both safe and in time, as a certificate of level `all` says."""
 
     @property
     def routes(self) -> int:
@@ -161,7 +162,7 @@ class CandidateEvaluation(BaseModel):
             return lost + (self.stage is RejectionStage.GAP)
         found = self.figures
         best = max(found.unaided_score, found.best_variants_score)
-        return FULL_SCORE - best + FULL_SCORE * (found.need.holds + (found.need.proves is Proof.ALL))
+        return FULL_SCORE - best + FULL_SCORE * found.is_proven
 
     def make_recipe(self, place: HardPlace) -> HardRecipe:
         """Return the recipe of the scenario of a candidate that was not rejected, with time limits."""
@@ -229,11 +230,10 @@ def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
     scores = CandidateScores(final, roads, ticks)
     scores.drive(UNAIDED_PROBES, FIRST_SEED)
     scores.drive(UNAIDED_PROBES, PROBE_SEEDS)
-    need = certify_need(final, roads, solved)
-    factor = choose_limit_factor(ticks, {route.ego: route.cautious_s for route in need.routes})
+    cautious_s = find_cautious_arrival(final, roads, solved)
+    factor = choose_limit_factor(ticks, cautious_s)
     if factor < MOST_FACTOR:
         final = set_time_limits(scenario, compute_time_limits(ticks, factor))
-        need = certify_need(final, roads, solved)
         scores = CandidateScores(final, roads, ticks)
     scores.drive_variants()
     scores.drive(PROBES, FIRST_SEED)
@@ -244,7 +244,7 @@ def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
         limit_factor=factor,
         scores={name: round(score, 2) for name, score in {**scores.means, REFERENCE_AGENT: reference_score}.items()},
         controlled_routes=count_met_controls(final, roads),
-        need=need,
+        is_proven=is_missed(compute_time_limits(ticks, factor), cautious_s),
     )
 
 

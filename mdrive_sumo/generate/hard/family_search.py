@@ -20,7 +20,6 @@ from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
 from mdrive_sumo.generate.hard.hard_places import HardPlace
 from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR
 from mdrive_sumo.generate.seasons.season_seed import SeasonSeed
-from mdrive_sumo.study.need_certificate import Proof
 
 AHEAD = 32
 """Candidates that are proposed and not yet recorded: fewer learn earlier, more keep workers busy while one that passes,
@@ -87,7 +86,7 @@ class FamilySearch:
     @property
     def proven(self) -> int:
         """Number of those that passed with a certificate of level `all`."""
-        return sum(one.figures is not None and one.figures.need.proves is Proof.ALL for one in self.evaluations)
+        return sum(one.figures is not None and one.figures.is_proven for one in self.evaluations)
 
     def propose(self) -> FamilyCandidate:
         """Return the next candidate. Candidates are the same again if the same number is recorded at each call."""

@@ -34,7 +34,6 @@ from mdrive_sumo.generate.hard.suite_requirements import (
     PROVEN_PLACES,
 )
 from mdrive_sumo.scenario.reference_times import REFERENCE_AGENT
-from mdrive_sumo.study.need_certificate import Proof
 
 LADDER = (BLIND, SINGLE, SHARING, BOTH, REFERENCE_AGENT)
 """Each of these is better than the one before by more than the interval of 95 % by places."""
@@ -50,7 +49,7 @@ so that 150 take less than eight."""
 
 def is_proven(candidate: CandidateEvaluation) -> bool:
     """Return whether a candidate's certificate is of level `all`."""
-    return candidate.measured.need.proves is Proof.ALL
+    return candidate.measured.is_proven
 
 
 @dataclass(frozen=True, slots=True)

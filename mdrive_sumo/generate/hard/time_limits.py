@@ -33,10 +33,14 @@ def choose_limit_factor(reference: ReferenceTicks, cautious_s: Mapping[str, floa
     """
     steps = round((MOST_FACTOR - LEAST_FACTOR) / FACTOR_STEP)
     for factor in (round(MOST_FACTOR - FACTOR_STEP * k, 2) for k in range(steps + 1)):
-        limits = compute_time_limits(reference, factor)
-        if any(cautious is None or cautious > limits[name] for name, cautious in cautious_s.items()):
+        if is_missed(compute_time_limits(reference, factor), cautious_s):
             return factor
     return MOST_FACTOR
+
+
+def is_missed(limits_s: Mapping[str, float], cautious_s: Mapping[str, float | None]) -> bool:
+    """Return whether the least arrival time of a safe driver of some CAV (None: never) is above its limit [s]."""
+    return any(cautious is None or cautious > limits_s[name] for name, cautious in cautious_s.items())
 
 
 def find_limit_factor(scenario: Scenario, reference: ReferenceTicks) -> float | None:

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 from testing.local_executor import J, LocalExecutor, R, run_in_process
-from testing.toy_family import TOY, TOY_FAMILY, evaluate_by_formula
+from testing.toy_family import TOY, TOY_FAMILY, certify_nothing, evaluate_by_formula
 
 from mdrive_sumo.cli import generate_hard, main
-from mdrive_sumo.generate.hard import adversarial_search, families
+from mdrive_sumo.generate.hard import adversarial_search, families, hard_suite
 from mdrive_sumo.generate.hard.hard_recipe import load_hard_recipe
 from mdrive_sumo.runs.process_pool import WorkerFailure
 from mdrive_sumo.scenario.reference_times import find_reference_times
@@ -38,6 +38,7 @@ def toy() -> Iterator[None]:
         run_in_process(patch)
         patch.setattr(families, "FAMILIES", {TOY: TOY_FAMILY})
         patch.setattr(adversarial_search, "evaluate_candidate", evaluate_by_formula)
+        patch.setattr(hard_suite, "certify_candidate", certify_nothing)
         yield
 
 
