@@ -33,7 +33,7 @@ from real2sim.writers.v2xpnp_map import write_vector_map
 
 LOGS, MAPS, QUALITY, SUITE = "logs", "maps", "quality", "suite"
 ABOUT = SuiteFile(name="examined", title="One converted recording")
-VOTING_LOGS = 8
+VOTING_LOGS = 4
 """Number of logs whose vehicles determine lane directions and speeds."""
 
 

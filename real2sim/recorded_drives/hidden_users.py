@@ -8,47 +8,57 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from mdrive_sumo.actors.kinematic_limits import LIMITS_BY_KIND
 from mdrive_sumo.agents.sensorless import CONSTANT_SPEED
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_curve_speeds
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
-from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.scenario.start_boxes import CAR
+from mdrive_sumo.scenario.scripted_actor import Actor, TimeTrigger
+from mdrive_sumo.scenario.start_boxes import CAR, build_user_box
 from mdrive_sumo.worlds.encounters.crossing_users import find_road_edge
 from mdrive_sumo.worlds.placement.blind_driving import BLIND_ACCELERATION, BLIND_SPEED
-from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_arrival_trigger, build_crossing_actor
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor, build_crossing_actor
 from mdrive_sumo.worlds.placement.lane_chains import Spot, build_pose, compute_route_pose
 
-STATION_M = (13.0, 43.0)
-"""[m] Along the route: later than the CAV can be at speed, and earlier than a recording of 46 m ends."""
-HIDDEN_SHARE = 0.85
+STATION_M = (24.0, 50.0)
+"""[m] Along the route: later than a CAV that brakes needs from the start, and earlier than a recording of 46 m ends."""
+HIDDEN_SHARE = 0.95
 """Share of those who come out from behind something."""
-LEFT_SHARE = 0.25
+LEFT_SHARE = 0.15
 """Share of those who come from the left."""
 CYCLIST_SHARE = 0.3
-WALK_MPS, CYCLE_MPS = (1.4, 3.0), (2.5, 5.0)
+WALK_MPS, CYCLE_MPS = (1.5, 2.8), (2.5, 4.5)
 """[m/s] From walking to running; cyclists who come off a pavement."""
-EARLY_S = (-0.3, 0.9)
+SEEN_S = (0.0, 0.6)
+"""[s] How long before blind driving gets there they come out from behind what hides them: `single` needs 0.8 s or more
+to brake so hard that it hits none (scenarios of a trial draw). Longer where the route is far from the edge."""
+EARLY_S = (-0.8, 0.5)
 """[s] How long before blind driving gets there they are in the middle of its lane: with less or more none is hit."""
-HIDES_M = (0.4, 1.0)
+MOVES_S = (2.1, 2.9)
+"""[s] How long before blind driving gets there they set off: a driver who sees that stops from 8 m/s in 2 s, at the
+planners' 4 m/s2. Who is told of it late, or sees it when the road user comes out from behind something, does not."""
+BEHIND_M = (0.8, 5.5)
+"""[m] From the edge of the road to where they set off: a van of 2 m hides them from those who are 20 m away."""
+HIDES_M = (0.3, 0.7)
 """[m] Between what hides a road user and its way."""
-SCREENS = ("parked-van", "parked-van", "parked-car", "parked-truck")
+SCREENS = ("parked-van", "parked-van", "parked-truck", "parked-car")
 KERB_M = 0.8
-"""[m] Beyond the edge of the road they wait, and arrive."""
+"""[m] Beyond the edge of the road they arrive."""
 UNIT_AHEAD_M, UNIT_KERB_M = (4.0, 14.0), 2.0
-"""[m] A unit stands behind the kerb at which a road user waits, so far ahead along the route."""
-TRIGGER_RADIUS_M = 3.0
-"""[m] Of `build_arrival_trigger`: it fires so much earlier."""
-TRIES = 30
+"""[m] A unit stands behind the kerb from which a road user comes, so far ahead along the route."""
+LEAST_START_MPS = 1.0
+"""[m/s] A slower CAV counts as one of this speed: the time of the first metre is finite."""
+TRIES = 150
 """Draws of a crossing before a route goes without; chosen."""
 SECOND_SHARE = 0.6
 """Share of CAVs whose route two road users cross."""
 APART_M = 10.0
 """[m] Between two on one route: a CAV that has stopped for the first is at speed again."""
-LEAST_START_S = 0.3
-"""[s] They wait at the start, so that they are hidden until then."""
+LEAST_START_S = 1.05
+"""[s] They wait until the recording begins, after 1 s: where the CAVs are by then does not depend on them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +69,8 @@ class RouteCrossing:
     """What hides it, if anything, and itself."""
     station: float
     """[m] Where its way meets the route."""
+    moves_s: float
+    """[s] How long before blind driving gets there it sets off."""
     unit: RoadsideUnit
 
 
@@ -78,14 +90,25 @@ def draw_crossings(
                     break
 
 
-def compute_blind_times(ego: Ego, start_mps: float) -> Float:
-    """Return the time [s] at which blind driving from `start_mps` [m/s] is at each metre of a CAV's route (N,)."""
+def compute_blind_times(ego: Ego, start_mps: float, start_m: float = 0.0) -> Float:
+    """Return the time [s] at which blind driving is at each metre of a CAV's route (N,), from `start_m` [m] at
+    `start_mps` [m/s] on."""
     path = build_path(ego.xy, CAR.rear_to_centre)
     speeds = compute_curve_speeds(path, BLIND_SPEED, CONSTANT_SPEED.lateral_acceleration, CONSTANT_SPEED.braking)
     metres = np.arange(len(ego.xy), dtype=np.float64)
     bends = np.interp(np.linspace(0.0, path.goal_s, len(metres)), np.arange(len(speeds)) * SPACING_M, speeds)
-    rising = np.sqrt(start_mps * start_mps + 2 * BLIND_ACCELERATION * metres)
-    return np.concatenate(([0.0], np.cumsum(1.0 / np.minimum(rising, bends)[1:])))
+    driven = np.maximum(metres - start_m, 0.0)
+    rising = np.sqrt(start_mps * start_mps + 2 * BLIND_ACCELERATION * driven)
+    return np.concatenate(([0.0], np.cumsum(np.diff(driven) / np.minimum(rising, bends)[1:])))
+
+
+def time_crossing(ego: Ego, crossing: RouteCrossing, start: tuple[float, float, float]) -> Actor:
+    """Return the road user that sets off in time to meet blind driving, of which `start` is a time [s], the station
+    [m] and the speed [m/s] then."""
+    start_s, start_m, start_mps = start
+    times = compute_blind_times(ego, max(start_mps, LEAST_START_MPS), start_m)
+    met_s = start_s + float(np.interp(crossing.station, np.arange(len(times)), times))
+    return crossing.actors[-1].model_copy(update={"trigger": TimeTrigger(at_s=round(met_s - crossing.moves_s, 2))})
 
 
 def _draw_crossing(roads: RoadMap, ego: Ego, times: Float, name: str, rng: random.Random) -> RouteCrossing | None:
@@ -96,18 +119,28 @@ def _draw_crossing(roads: RoadMap, ego: Ego, times: Float, name: str, rng: rando
         return None
     body, speeds = (BODIES["bicycle"], CYCLE_MPS) if rng.random() < CYCLIST_SHARE else (BODIES["adult"], WALK_MPS)
     speed = round(rng.uniform(*speeds), 2)
-    offsets = (side * (near + KERB_M), -side * (far + KERB_M))
+    moves_s, early_s = rng.uniform(*MOVES_S), max(rng.uniform(*SEEN_S) - near / speed, EARLY_S[0])
+    behind = _compute_progress(speed, LIMITS_BY_KIND[Kind[body.kind.upper()]].accel, moves_s - early_s) - near
+    start_s = float(np.interp(station, np.arange(len(times)), times)) - moves_s
+    if early_s > EARLY_S[1] or not BEHIND_M[0] <= behind <= BEHIND_M[1] or start_s < LEAST_START_S:
+        return None
+    offsets = (side * (near + behind), -side * (far + KERB_M))
     begin, end = (compute_route_pose(ego, station, offset)[:2] for offset in offsets)
     is_hidden = rng.random() < HIDDEN_SHARE
     screen = (_build_screen(ego, f"screen_{name}", (station, side * near), rng),) if is_hidden else ()
-    start_s = float(np.interp(station, np.arange(len(times)), times)) - rng.uniform(*EARLY_S) - (near + KERB_M) / speed
-    if start_s < LEAST_START_S:
+    user = build_crossing_actor(f"{body.kind}_{name}", body, (begin, end), speed, TimeTrigger(at_s=round(start_s, 2)))
+    needed = (shapely.LineString((begin, end)), *map(build_user_box, screen))
+    if any(building.intersects(one) for building in roads.building_shapes for one in needed):
         return None
-    trigger = build_arrival_trigger(ego, float(np.interp(start_s, times, np.arange(len(times)))) + TRIGGER_RADIUS_M)
-    user = build_crossing_actor(f"{body.kind}_{name}", body, (begin, end), speed, trigger)
     ahead_m = rng.uniform(*UNIT_AHEAD_M)
     unit = _place_unit(roads, ego, f"post{name}", (station + ahead_m, side * (near + UNIT_KERB_M)))
-    return RouteCrossing((*screen, user), station, unit)
+    return RouteCrossing((*screen, user), station, moves_s, unit)
+
+
+def _compute_progress(speed: float, acceleration: float, after_s: float) -> float:
+    """Return how far [m] a road user gets from rest that accelerates [m/s2] to a speed [m/s]."""
+    rising_s = min(speed / acceleration, after_s)
+    return acceleration * rising_s * rising_s / 2 + speed * (after_s - rising_s)
 
 
 def _is_in_junction(roads: RoadMap, ego: Ego, station: float) -> bool:

@@ -6,6 +6,7 @@ noise (`writers.observation_noise`) and traffic density are alike.
 
 import math
 import random
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,7 +31,7 @@ from mdrive_sumo.worlds.placement.cavs import SpawnPoint, build_spawned_cav
 from mdrive_sumo.worlds.placement.lane_chains import build_route_line
 from mdrive_sumo.worlds.placement.occupancy import select_free_actors
 from mdrive_sumo.worlds.traffic import draw_traffic
-from real2sim.recorded_drives.hidden_users import draw_crossings, place_second_unit
+from real2sim.recorded_drives.hidden_users import RouteCrossing, draw_crossings, place_second_unit, time_crossing
 from real2sim.recorded_drives.recording_site import RecordingSite, build_demand
 from real2sim.writers.episode_recording import record_episode
 from real2sim.writers.observation_noise import ObservationNoise
@@ -41,9 +42,11 @@ DRIVER = "omniscient"
 """Agent of the CAVs during the recording: it handles what comes out in front of it, so the log is clean."""
 BEGIN_S = 1.0
 """[s] The recording begins: the CAVs, which start at `START_MPS`, are nearly at speed, and queues have set off."""
-SHORTEST_S, LONGEST_S = 7.0, 13.0
+LAST_S = 0.2
+"""[s] Before the recording begins, from which a CAV's speed then is taken."""
+SHORTEST_S, LONGEST_S = 7.0, 18.0
 """[s] Of a recording."""
-MEAN_DISTANCE_M = 52.0
+MEAN_DISTANCE_M = 48.0
 """[m] It ends when the CAVs have driven so far on average, and have passed what crosses their way. With 45 m routes are
 37.8 m long on average, because some recordings end before; the paper has 45.68 m."""
 MIN_DISTANCE_M = 20.0
@@ -134,17 +137,32 @@ def record_drive(site: RecordingSite, name: str, count: int, seed: int) -> Recor
         actors=traffic.actors,
         rsus=tuple(units),
     )
+    scenario = _time_crossings(scenario, roads, seed, crossings)
     stations: dict[str, float] = {}
     for ego, crossing in crossings:
         stations[ego.id] = max(stations.get(ego.id, 0.0), crossing.station)
     crossed_m = tuple(stations.get(ego.id, 0.0) for ego in egos)
-    return RecordedDrive(scenario, roads, _drive(scenario, roads, seed), crossed_m)
+    return RecordedDrive(scenario, roads, _drive(scenario, roads, seed, BEGIN_S + LONGEST_S), crossed_m)
 
 
-def _drive(scenario: Scenario, roads: RoadMap, seed: int) -> EpisodeRecord:
-    """Return the episode, which ends with the longest recording; stations are not needed, the driver knows all."""
+def _time_crossings(
+    scenario: Scenario, roads: RoadMap, seed: int, crossings: Sequence[tuple[Ego, RouteCrossing]]
+) -> Scenario:
+    """Return the scenario in which those who cross meet blind driving that begins with the recording.
+
+    Until then nobody crosses, so where the CAVs are is known from a drive that ends there.
+    """
+    begun = _drive(scenario, roads, seed, BEGIN_S)
+    driven, last = (_measure_distances(begun, part) for part in ((0.0, BEGIN_S), (BEGIN_S - LAST_S, BEGIN_S)))
+    starts = {ego.id: (BEGIN_S, float(driven[i]), float(last[i]) / LAST_S) for i, ego in enumerate(scenario.egos)}
+    timed = {user.id: user for user in (time_crossing(ego, one, starts[ego.id]) for ego, one in crossings)}
+    return scenario.model_copy(update={"actors": tuple(timed.get(actor.id, actor) for actor in scenario.actors)})
+
+
+def _drive(scenario: Scenario, roads: RoadMap, seed: int, until_s: float) -> EpisodeRecord:
+    """Return the episode until a time [s]; stations are not needed, the driver knows all."""
     alone = scenario.model_copy(update={"rsus": ()})
-    over = round((BEGIN_S + LONGEST_S) * TICKS_PER_SECOND) + 1
+    over = round(until_s * TICKS_PER_SECOND) + 1
     endings = tuple(Ending(ego.id, over, End.TIMED_OUT) for ego in scenario.egos)
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     drivers = {ego.id: LocalDriver(AGENTS[DRIVER]({})) for ego in scenario.egos}

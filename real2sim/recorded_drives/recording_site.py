@@ -30,7 +30,9 @@ PLACES: Sequence[tuple[str, PlaceChoice, str]] = (
     ("campus", PlaceChoice("driveways", {"driveways": 3}), "town-quiet"),
     ("roundabout", PlaceChoice("roundabout", {"arms": 4, "lanes": 1}), "town-busy"),
 )  # fmt: skip
-"""Setting, place and demand of the places of a season."""
+"""Setting, kind of place and demand of the places of a season."""
+DRAWN_OF_EACH = 2
+"""Places of each of these: intervals are over places."""
 COUNTS: Mapping[str, int] = {"most_vehicles": 38, "most_people": 54, "most_parked": 52}
 """What an observer sees of them is about the 84 road users of the paper."""
 RATES: Mapping[str, float] = {"crossers_per_zebra": 2.0, "pull_out_share": 0.3, "deliveries_per_km": 2.0}
@@ -50,12 +52,12 @@ class RecordingSite:
 
 def draw_sites(seed: str, folder: Path) -> list[RecordingSite]:
     """Draw the places of a season into folders below `folder`. Raises InputError without netconvert."""
-    return [_draw_site(number, f"{seed}-{number}", folder) for number in range(len(PLACES))]
+    return [_draw_site(number, f"{seed}-{number}", folder) for number in range(DRAWN_OF_EACH * len(PLACES))]
 
 
 def _draw_site(index: int, seed: str, folder: Path) -> RecordingSite:
     """Draw places until one is sound."""
-    setting, choice, demand = PLACES[index]
+    setting, choice, demand = PLACES[index % len(PLACES)]
     for number in count():
         place = draw_place(choice.kind, f"{seed}-{number}", **choice.parameters)
         roads = load_road_map(write_place(place, folder / place.name))

@@ -17,7 +17,10 @@ from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion
 from mdrive_sumo.scenario.statistics import PAPER
 from mdrive_sumo.scenario.suite import SuiteFile, load_suite
 from real2sim.recorded_drives.choose_recordings import (
+    GAIN,
+    GAIN_PLACES,
     LEAST_GAIN,
+    LEAST_LOSS,
     LEAST_PLACES,
     MEAN_SHARE,
     MOST_BLIND,
@@ -36,10 +39,11 @@ def outcome(number: int, rng: random.Random) -> RecordingOutcome:
     scores = {
         "constant-speed": rng.uniform(20.0, 80.0),
         "single": single,
-        "sharing": min(single + rng.choice((0.0, 15.0)), 100.0),
-        "sharing+negotiation": min(single + rng.choice((0.0, 15.0)), 100.0),
+        "sharing": min(single + rng.choice((0.0, 30.0)), 100.0),
+        "sharing+negotiation": min(single + rng.choice((0.0, 30.0)), 100.0),
         "omniscient": 100.0,
     }
+    scores["sharing, 6 ticks late"] = max(scores["sharing"] - rng.choice((0.0, 0.0, 25.0)), 0.0)
     item = SelectionItem(
         f"s{number}",
         "signalled",
@@ -47,7 +51,7 @@ def outcome(number: int, rng: random.Random) -> RecordingOutcome:
         rng.uniform(35.0, 60.0) * cavs,
         rng.uniform(0.0, 110.0) * cavs,
         rng.randint(60, 105),
-        f"place{number % 15}",
+        f"place{number % 30}",
         "",
     )
     return RecordingOutcome(item.id, (), (), scores, item)
@@ -66,9 +70,12 @@ def test_the_choice_meets_means_and_scores_on_many_places() -> None:
     assert SINGLE_RANGE[0] - 0.5 < score["single"] < SINGLE_RANGE[1] + 0.5
     assert score["sharing"] - score["single"] > LEAST_GAIN - 0.5
     assert score["sharing+negotiation"] - score["single"] > LEAST_GAIN - 0.5
+    assert score["sharing"] - score["sharing, 6 ticks late"] > LEAST_LOSS - 0.5
     places = [one.item.network for one in chosen]
     assert len(set(places)) >= LEAST_PLACES
-    assert max(map(places.count, places)) <= 10
+    assert max(map(places.count, places)) <= 5
+    gains = [one.item.network for one in chosen if one.scores["sharing"] - one.scores["single"] >= GAIN]
+    assert len(set(gains)) >= GAIN_PLACES
 
 
 def test_what_the_pool_cannot_give_is_missed_and_the_number_kept() -> None:

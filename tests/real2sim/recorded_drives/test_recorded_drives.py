@@ -9,12 +9,13 @@ import pytest
 import shapely
 from testing.worlds import straight_ego, straight_road, straight_scenario
 
+from mdrive_sumo.actors.kinematic_limits import LIMITS_BY_KIND
 from mdrive_sumo.contract import Control
-from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame
+from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind
 from mdrive_sumo.episode import Ending, Recorder
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.scenario.scripted_actor import PathMotion, PositionTrigger
+from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, TimeTrigger
 from mdrive_sumo.worlds.places import draw_place, write_place
 from real2sim.recorded_drives.hidden_users import (
     APART_M,
@@ -24,6 +25,7 @@ from real2sim.recorded_drives.hidden_users import (
     compute_blind_times,
     draw_crossings,
     place_second_unit,
+    time_crossing,
 )
 from real2sim.recorded_drives.record_drive import (
     APART_M as STARTS_APART_M,
@@ -55,9 +57,9 @@ def roads(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 @pytest.fixture(scope="module")
 def crossings(roads: RoadMap) -> Crossings:
-    """Who crosses the routes of two CAVs, for three seeds."""
+    """Who crosses the routes of two CAVs, for seven seeds."""
     drawn: Crossings = []
-    for seed in range(3):
+    for seed in range(7):
         rng = random.Random(seed)
         drawn += draw_crossings(roads, build_cavs(roads, 2, rng), START_MPS, rng)
     return drawn
@@ -71,21 +73,47 @@ def test_places_of_all_settings_have_a_demand() -> None:
         assert build_demand(demand).most_people > 0
 
 
+def compute_walk_s(actor: Actor, length_m: float) -> float:
+    """Time that an actor needs from rest for a length of its way."""
+    assert isinstance(actor.motion, PathMotion)
+    speed, acceleration = actor.motion.speed, LIMITS_BY_KIND[Kind[actor.kind.upper()]].accel
+    rising_m = speed * speed / acceleration / 2
+    if length_m < rising_m:
+        return math.sqrt(2 * length_m / acceleration)
+    return speed / acceleration + (length_m - rising_m) / speed
+
+
 def test_users_cross_the_route_when_a_blind_cav_is_there(crossings: Crossings) -> None:
     assert len(crossings) >= 6
     for ego, crossing in crossings:
         user = crossing.actors[-1]
         assert isinstance(user.motion, PathMotion)
-        assert isinstance(user.trigger, PositionTrigger)
+        assert isinstance(user.trigger, TimeTrigger)
         assert STATION_M[0] <= crossing.station <= STATION_M[1]
         way, route = shapely.LineString(user.motion.points), shapely.LineString(ego.xy)
         assert way.intersects(route)
         met_m = way.line_locate_point(shapely.intersection(way, route).centroid)
         times = compute_blind_times(ego, START_MPS)
-        triggered_m = route.line_locate_point(shapely.Point(user.trigger.x, user.trigger.y)) - user.trigger.radius_m
-        moments = np.interp((triggered_m, crossing.station), np.arange(len(times)), times)
-        early_s = moments[1] - moments[0] - met_m / user.motion.speed
-        assert EARLY_S[0] - 0.5 < early_s < EARLY_S[1] + 0.5
+        met_s = float(np.interp(crossing.station, np.arange(len(times)), times))
+        assert met_s - user.trigger.at_s == pytest.approx(crossing.moves_s, abs=0.01)
+        assert user.trigger.at_s > BEGIN_S
+        assert EARLY_S[0] - 0.3 < crossing.moves_s - compute_walk_s(user, met_m) < EARLY_S[1] + 0.3
+
+
+def test_users_set_off_later_for_a_cav_that_starts_later_or_slower(crossings: Crossings) -> None:
+    ego, crossing = crossings[0]
+
+    def set_off_s(*start: float) -> float:
+        trigger = time_crossing(ego, crossing, (start[0], start[1], start[2])).trigger
+        assert isinstance(trigger, TimeTrigger)
+        return trigger.at_s
+
+    drawn = crossing.actors[-1].trigger
+    assert isinstance(drawn, TimeTrigger)
+    assert set_off_s(0.0, 0.0, START_MPS) == drawn.at_s
+    assert set_off_s(1.0, 0.0, START_MPS) == pytest.approx(drawn.at_s + 1.0, abs=0.011)
+    assert set_off_s(1.0, 2.0, 2.0) > set_off_s(1.0, 2.0, 4.0) > set_off_s(1.0, 4.0, 4.0)
+    assert math.isfinite(set_off_s(1.0, 2.0, 0.0))
 
 
 def test_most_users_come_out_from_behind_a_vehicle_and_a_unit_stands_beside_them(
@@ -137,7 +165,7 @@ def test_a_recording_ends_when_the_cav_has_driven_as_far_as_in_the_paper() -> No
 
 
 def test_a_recording_goes_on_until_the_cav_has_passed_who_crosses() -> None:
-    assert find_window(drive((20.0, 6.0), crossed_m=55.0)) == (BEGIN_S, BEGIN_S + 9.5)
+    assert find_window(drive((20.0, 6.0), crossed_m=62.0)) == (BEGIN_S, BEGIN_S + 10.5)
     assert find_window(drive((20.0, 6.0), crossed_m=500.0)) == (BEGIN_S, BEGIN_S + LONGEST_S)
 
 
