@@ -106,8 +106,11 @@ def record_log(task: RecordingTask) -> str:
     return ""
 
 
-def build_site_network(tasks: Sequence[RecordingTask]) -> NetworkReport:
-    """Build WORK/suite/networks/<name> from the map and the motion in the first `VOTING_LOGS` logs."""
+def build_site_network(tasks: Sequence[RecordingTask]) -> NetworkReport | str:
+    """Build WORK/suite/networks/<name> from the map and the motion in the first `VOTING_LOGS` logs.
+
+    Return a sentence if that is impossible.
+    """
     first = tasks[0]
     recordings = [read_v2xpnp(task.log, task.map) for task in tasks[:VOTING_LOGS]]
     seen = [
@@ -117,7 +120,10 @@ def build_site_network(tasks: Sequence[RecordingTask]) -> NetworkReport:
     ]
     # The format has no buildings, which hide road users: they come from the place.
     map_ = replace(recordings[0].map, buildings=build_hd_map(load_road_map(first.site.network)).buildings)
-    return build_network(map_, seen, first.network_folder, first.network_folder.name, recordings[0].dt_s)
+    try:
+        return build_network(map_, seen, first.network_folder, first.network_folder.name, recordings[0].dt_s)
+    except InputError as error:
+        return str(error)
 
 
 def convert_recording(task: RecordingTask) -> RecordingOutcome | str:

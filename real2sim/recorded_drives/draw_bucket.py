@@ -67,17 +67,21 @@ def _build_tasks(request: BucketRequest) -> list[RecordingTask]:
 
 
 def _add_networks(tasks: Sequence[RecordingTask], request: BucketRequest) -> list[RecordingTask]:
-    """Return the tasks with the network of their place."""
+    """Return the tasks with the network of their place, without those of places of which none can be built."""
     by_place: dict[Path, list[RecordingTask]] = {}
     for task in tasks:
         by_place.setdefault(task.site.network, []).append(task)
-    with ProcessPool[list[RecordingTask], NetworkReport](build_site_network, request.workers, LIMIT_S) as pool:
+    with ProcessPool[list[RecordingTask], NetworkReport | str](build_site_network, request.workers, LIMIT_S) as pool:
         networks: dict[Path, NetworkReport] = {}
         for group, report in pool.run(list(by_place.values())):
+            place = group[0].site.network
             if isinstance(report, WorkerFailure):
-                raise InputError(f"network of {group[0].site.network.name}: expected one, found none: {report.reason}")
-            networks[group[0].site.network] = report
-    return [replace(task, network=networks[task.site.network]) for task in tasks]
+                raise InputError(f"network of {place.name}: expected one, found none: {report.reason}")
+            if isinstance(report, str):
+                request.note(f"v2xpnp: place {place.name} is left out, it has no network: {report}")
+            else:
+                networks[place] = report
+    return [replace(task, network=networks[task.site.network]) for task in tasks if task.site.network in networks]
 
 
 def _run_all(

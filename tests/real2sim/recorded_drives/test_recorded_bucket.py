@@ -1,7 +1,9 @@
 """The bucket of synthetic recordings: its numbers, made small, and the same from the same seed."""
 
 import random
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion
 from mdrive_sumo.scenario.statistics import PAPER
 from mdrive_sumo.scenario.suite import SuiteFile, load_suite
+from real2sim.network import NetworkReport
 from real2sim.recorded_drives.choose_recordings import (
     GAIN,
     GAIN_PLACES,
@@ -27,9 +30,10 @@ from real2sim.recorded_drives.choose_recordings import (
     SINGLE_RANGE,
     choose_recordings,
 )
-from real2sim.recorded_drives.convert_recording import RecordingOutcome
-from real2sim.recorded_drives.draw_bucket import draw_bucket
+from real2sim.recorded_drives.convert_recording import RecordingOutcome, RecordingTask
+from real2sim.recorded_drives.draw_bucket import _add_networks, draw_bucket
 from real2sim.recorded_drives.pose_thinning import AWAY_M, thin_scenario
+from real2sim.recorded_drives.recording_site import RecordingSite
 
 
 def outcome(number: int, rng: random.Random) -> RecordingOutcome:
@@ -121,15 +125,50 @@ def test_the_bucket_is_found_by_its_entry_point() -> None:
     assert find_bucket_drawer("v2xpnp") is draw_bucket
 
 
-def drawn(folder: Path) -> Path:
-    """A bucket of one scenario."""
+class NoPool:
+    """In the place of a pool of processes."""
+
+    def __class_getitem__(cls, _: object) -> type:
+        return cls
+
+    def __init__(self, *_: object) -> None: ...
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+def make_request(folder: Path, note: Callable[[str], None] = lambda _: None) -> BucketRequest:
+    """A request of one scenario."""
     out = folder / "v2xpnp"
     out.mkdir(parents=True)
     about = SuiteFile(name="v2xpnp", title="test", season=7)
-    draw_bucket(
-        BucketRequest(SeasonSeed(7), SeasonSeed(7).describe(), about, out, folder / "work", 1, 2, lambda _: None)
-    )
-    return out
+    return BucketRequest(SeasonSeed(7), SeasonSeed(7).describe(), about, out, folder / "work", 1, 2, note)
+
+
+def test_a_place_without_a_network_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    notes: list[str] = []
+    sites = [RecordingSite(tmp_path / name, "campus", "town-busy") for name in ("good", "bad")]
+    tasks = [RecordingTask(site, n, 1, 0, tmp_path) for n, site in enumerate(sites)]
+    report = NetworkReport.__new__(NetworkReport)
+
+    class Pool(NoPool):
+        def run(self, groups: list[list[RecordingTask]]) -> Iterator[tuple[list[RecordingTask], NetworkReport | str]]:
+            for group in groups:
+                yield group, report if group[0].site is sites[0] else "no lane"
+
+    monkeypatch.setattr("real2sim.recorded_drives.draw_bucket.ProcessPool", Pool)
+    ready = _add_networks(tasks, make_request(tmp_path / "r", notes.append))
+    assert [task.name for task in ready] == ["good_000"]
+    assert notes == ["v2xpnp: place bad is left out, it has no network: no lane"]
+
+
+def drawn(folder: Path) -> Path:
+    """A bucket of one scenario."""
+    request = make_request(folder)
+    draw_bucket(request)
+    return request.folder
 
 
 @pytest.mark.full
