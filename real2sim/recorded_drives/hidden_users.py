@@ -39,7 +39,7 @@ EARLY_S = (-0.8, 0.5)
 """[s] How long before blind driving gets there they are in the middle of its lane: with less or more none is hit."""
 MOVES_S = (2.1, 2.9)
 """[s] How long before blind driving gets there they set off: a driver who sees that stops from 8 m/s in 2 s, at the
-planners' 4 m/s2. Who is told of it late, or sees it when the road user comes out from behind something, does not."""
+planners' 4 m/s2. One that is told of it late, or sees the road user come out from behind something, does not."""
 BEHIND_M = (0.8, 5.5)
 """[m] From the edge of the road to where they set off: a van of 2 m hides them from those who are 20 m away."""
 HIDES_M = (0.3, 0.7)

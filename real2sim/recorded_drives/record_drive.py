@@ -150,7 +150,7 @@ def _time_crossings(
 ) -> Scenario:
     """Return the scenario in which those who cross meet blind driving that begins with the recording.
 
-    Until then nobody crosses, so where the CAVs are is known from a drive that ends there.
+    Until then no road user crosses, so a drive that ends there says where the CAVs are.
     """
     begun = _drive(scenario, roads, seed, BEGIN_S)
     driven, last = (_measure_distances(begun, part) for part in ((0.0, BEGIN_S), (BEGIN_S - LAST_S, BEGIN_S)))
