@@ -65,15 +65,3 @@ def list_edges(roads: RoadMap, lanes: tuple[str, ...]) -> tuple[str, ...]:
     """Return the edges of a chain of lanes, without those inside junctions."""
     ways = (roads.lanes[lane] for lane in lanes)
     return tuple(dict.fromkeys(way.edge for way in ways if not way.junction))
-
-
-def find_next_edges(roads: RoadMap, lane: str) -> set[str]:
-    """Return the edges that a lane leads to, past the lanes inside the junction."""
-    edges, ahead = set[str](), list(roads.lanes[lane].successors)
-    while ahead:
-        there = roads.lanes[ahead.pop()]
-        if there.junction:
-            ahead.extend(there.successors)
-        else:
-            edges.add(there.edge)
-    return edges

@@ -1,6 +1,6 @@
 """Bodies of road users and things by model, and the scripted actors that have them."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from mdrive_sumo.core import portable
@@ -110,16 +110,6 @@ def build_driving_actor(
     used = select_lanes(roads, lanes, start_m, compute_chain_length(roads, lanes))
     motion = LaneMotion(lanes=used, speed=round(speed, 2), start_speed=0.0 if "trigger" in more else round(speed, 2))
     return build_actor(name, BODIES[model], compute_pose(roads, lanes, start_m), motion=motion, **more)
-
-
-def space_vehicles(
-    models: Iterable[str], front_m: float, gap_m: float, step: float = -1.0
-) -> Iterator[tuple[str, float]]:
-    """Return models with the stations [m] of their middles, from a station on back (`step` -1) or ahead (1)."""
-    for model in models:
-        length = BODY_SIZES[model][0]
-        yield model, front_m + step * length / 2
-        front_m += step * (length + gap_m)
 
 
 def build_mast(name: str, pose: Pose) -> RoadsideUnit:

@@ -1,6 +1,5 @@
-"""CAVs on chains of lanes: one, in a platoon, or from a spawn point to a goal of a lane route."""
+"""CAVs on chains of lanes: from one station to another, or from a spawn point to a goal of a lane route."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,6 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap, Route, build_lane_route
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
-from mdrive_sumo.scenario.start_boxes import CAR
 from mdrive_sumo.worlds.lane_routes import LaneRoute
 from mdrive_sumo.worlds.placement.lane_chains import (
     Lanes,
@@ -23,8 +21,6 @@ from mdrive_sumo.worlds.placement.lane_chains import (
 
 LEAST_ROUTE_M = 10.0
 """[m] A route is twice a car's length or more; chosen."""
-LEAST_GAP_M = 3.0
-"""[m] Least distance between two CAVs of a platoon."""
 
 
 class NoRoomError(InputError):
@@ -86,32 +82,3 @@ def build_cav(
     xy: Float = np.array([line.curve.at(station) for station in stations.tolist()])
     yaws = np.interp(stations, np.arange(len(line.yaw)), line.yaw)
     return build_ego(name, Route(select_lanes(roads, lanes, start_m, goal_m), xy, yaws), speed)
-
-
-@dataclass(frozen=True, slots=True)
-class Platoon:
-    """CAVs one behind the other along a chain of lanes."""
-
-    lanes: Lanes
-    count: int
-    lead_m: float
-    """Station [m] of the first CAV."""
-    goal_m: float
-    speed: float
-    headway_s: float
-    """[s] Between rear and front bumper of two CAVs."""
-    change: RouteLaneChange | None = None
-
-    @property
-    def pitch_m(self) -> float:
-        """Distance [m] between the centres of two CAVs."""
-        return CAR.length + max(self.headway_s * self.speed, LEAST_GAP_M)
-
-
-def build_platoons(roads: RoadMap, platoons: Sequence[Platoon]) -> tuple[Ego, ...]:
-    """Return the CAVs of all platoons, with ids "0", "1", ... in their order. Raises NoRoomError."""
-    starts = [(one, one.lead_m - k * one.pitch_m) for one in platoons for k in range(one.count)]
-    return tuple(
-        build_cav(roads, str(i), one.lanes, (start, one.goal_m), one.speed, one.change)
-        for i, (one, start) in enumerate(starts)
-    )

@@ -109,12 +109,6 @@ def find_station(roads: RoadMap, lanes: Lanes, x: float, y: float) -> float:
     return build_route_line(roads, lanes).curve.project(x, y)[0]
 
 
-def find_station_beside(roads: RoadMap, lanes: Lanes, others: Lanes, station: float) -> float:
-    """Return the station [m] along a chain of lanes that is nearest to a station of another chain."""
-    pose = compute_pose(roads, others, station)
-    return find_station(roads, lanes, pose.x, pose.y)
-
-
 def find_lane_start(roads: RoadMap, lanes: Lanes, lane: str) -> float:
     """Return the station [m] at which a lane of the chain begins, e.g. the first lane inside a junction."""
     return find_station(roads, lanes, *roads.lanes[lane].centre.at(0.0))

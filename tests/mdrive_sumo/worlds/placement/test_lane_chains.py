@@ -1,9 +1,7 @@
 """Stations and poses along chains of lanes, CAVs on them, bodies, blind driving."""
 
 import math
-from itertools import pairwise
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,8 +11,8 @@ from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import StandingMotion
 from mdrive_sumo.worlds.placement.background_vehicles import DRIVING, FAST_DRIVING, build_background_vehicle
 from mdrive_sumo.worlds.placement.blind_driving import blind_distance, blind_travel_time
-from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_actor, build_parked_vehicle, space_vehicles
-from mdrive_sumo.worlds.placement.cavs import NoRoomError, Platoon, build_cav, build_platoons
+from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_actor
+from mdrive_sumo.worlds.placement.cavs import NoRoomError, build_cav
 from mdrive_sumo.worlds.placement.lane_chains import (
     Lanes,
     build_route_line,
@@ -24,7 +22,6 @@ from mdrive_sumo.worlds.placement.lane_chains import (
     find_conflict_stations,
     find_lane_start,
     find_station,
-    find_station_beside,
     select_lanes,
 )
 
@@ -47,7 +44,6 @@ def test_a_pose_is_where_its_station_and_offset_say(station: float, offset: floa
     left = (aside.x - here.x) * -math.sin(here.yaw) + (aside.y - here.y) * math.cos(here.yaw)
     assert left == pytest.approx(offset, abs=2e-3)
     assert find_station(ROADS, CHAIN, here.x, here.y) == pytest.approx(station, abs=0.05)
-    assert find_station_beside(ROADS, CHAIN, CHAIN, station) == pytest.approx(station, abs=0.05)
 
 
 @settings(max_examples=40, deadline=None)
@@ -68,15 +64,6 @@ def test_a_cav_drives_between_its_stations_on_the_lanes_that_it_names(start: flo
 def test_a_cav_without_room_is_refused_in_a_sentence(drive: tuple[float, float]) -> None:
     with pytest.raises(NoRoomError, match=r"^0: expected at least 10 m of route within \d+ m of lanes, found -?\d+ to"):
         build_cav(ROADS, "0", CHAIN, drive, 5.0)
-
-
-def test_cavs_of_a_platoon_keep_their_headway_and_are_numbered_on() -> None:
-    platoons = (Platoon(CHAIN, 3, 120.0, 180.0, 10.0, 1.2), Platoon(CHAIN, 1, 60.0, 180.0, 2.0, 0.5))
-    egos = build_platoons(ROADS, platoons)
-    assert [ego.id for ego in egos] == ["0", "1", "2", "3"]
-    stations = [find_station(ROADS, CHAIN, ego.start.x, ego.start.y) for ego in egos]
-    np.testing.assert_allclose(-np.diff(stations[:3]), 4.9 + 12.0, atol=0.05)
-    assert platoons[1].pitch_m == 4.9 + 3.0  # slow CAVs keep the least gap
 
 
 def test_lanes_meet_where_they_cross_or_never() -> None:
@@ -108,18 +95,6 @@ def test_background_vehicles_have_the_size_and_driving_of_their_model(model: str
     assert (entering.depart_s, entering.depart_lane) == (3.0, 1)
     assert entering.depart_pos_m == round(length + 0.5, 2)  # its rear is on the lane
     assert build_background_vehicle("truck", ("a",), 0, FAST_DRIVING["truck"]).driving.max_speed == 24.0
-
-
-@pytest.mark.parametrize("step", [-1.0, 1.0])
-def test_vehicles_of_a_row_have_the_gap_between_them(step: float) -> None:
-    row = list(space_vehicles(("car", "bus", "van"), 50.0, 2.0, step))
-    ends = [
-        (middle - step * BODY_SIZES[model][0] / 2, middle + step * BODY_SIZES[model][0] / 2) for model, middle in row
-    ]
-    assert ends[0][0] == pytest.approx(50.0)
-    assert [abs(b[0] - a[1]) for a, b in pairwise(ends)] == pytest.approx([2.0, 2.0])
-    pose = compute_pose(ROADS, CHAIN, row[0][1])
-    assert build_parked_vehicle("v", "car", pose).model == "parked-car"
 
 
 def test_time_and_distance_of_blind_driving_are_inverse() -> None:
