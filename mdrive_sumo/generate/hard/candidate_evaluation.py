@@ -2,8 +2,8 @@
 
 First comes what rejects most in a second of processor time: build -> length -> danger (blind driving must do harm) ->
 feasibility (`omniscient`, seed 0) -> blind driving and `single` (seed 0, then others) -> factor of the time limits, and
-whether a certificate is of level `all` -> speeding and cautious drivers (a seed each) -> rules that talk (seed 0) ->
-feasibility with other seeds -> rules that talk with other seeds. Only what the choice needs is kept.
+whether a certificate is of level `all` -> feasibility with other seeds -> rules that talk -> speeding and cautious
+drivers (a seed each). Only what the choice needs is kept.
 """
 
 import math
@@ -235,10 +235,9 @@ def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
     if factor < MOST_FACTOR:
         final = set_time_limits(scenario, compute_time_limits(ticks, factor))
         scores = CandidateScores(final, roads, ticks)
-    scores.drive_variants()
-    scores.drive(PROBES, FIRST_SEED)
     reference_score = _solve_with_all_seeds(solved, final, roads, ticks)
     scores.drive(PROBES, PROBE_SEEDS)
+    scores.drive_variants()
     return CandidateFigures(
         reference_ticks=ticks,
         limit_factor=factor,
