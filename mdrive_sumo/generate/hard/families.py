@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from mdrive_sumo.generate.hard import (
+    families_agreed,
     families_queues,
     families_rows,
     riders,
@@ -10,6 +11,7 @@ from mdrive_sumo.generate.hard import (
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 
 _ALL: tuple[ScenarioFamily, ...] = (
+    *families_agreed.FAMILIES,
     *families_queues.FAMILIES,
     *families_rows.FAMILIES,
     *riders.FAMILIES,

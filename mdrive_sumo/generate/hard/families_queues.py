@@ -127,7 +127,7 @@ def _select_line(roads: RoadMap, gap: QueueGap) -> shapely.LineString:
     return shapely.LineString(build_route_line(roads, gap.own).xy[inside[:, 0].astype(np.int64)])
 
 
-def _build_stream(
+def build_queue_stream(
     roads: RoadMap, gap: QueueGap, values: Values, model: str, flank_m: float
 ) -> tuple[CavColumn, tuple[Actor, ...]]:
     """Return a column of CAVs and the stream behind the queue that they meet."""
@@ -154,14 +154,14 @@ def stage_filtering_motorcycles(values: Values, seed: str, roads: RoadMap) -> Fa
     site = choose_crossroads(roads, values["site"], ("yield", "stop", "right-before-left"))
     conflict = min(site.others, key=lambda one: one.own_m)
     gap = find_gap(roads, conflict)
-    column, riders = _build_stream(roads, gap, values, "motorcycle", FLANK_M)
+    column, riders = build_queue_stream(roads, gap, values, "motorcycle", FLANK_M)
     egos = build_columns(roads, (column,))
-    queue = build_queue(roads, gap, _choose_models(values, seed), CAR.width / 2 + values["gap_m"], FLANK_M)
-    return FamilyScene(egos, (), (*queue, *riders), (_build_mast(roads, column, values),))
+    queue = build_queue(roads, gap, choose_models(values, seed), CAR.width / 2 + values["gap_m"], FLANK_M)
+    return FamilyScene(egos, (), (*queue, *riders), (build_mast_beyond(roads, column, values),))
 
 
 @lru_cache(maxsize=128)
-def _find_left_turns(roads: RoadMap) -> tuple[JunctionConflict, ...]:
+def find_left_turns(roads: RoadMap) -> tuple[JunctionConflict, ...]:
     """Return the left turns across the way of the other direction of the same street."""
     return tuple(
         one
@@ -172,13 +172,15 @@ def _find_left_turns(roads: RoadMap) -> tuple[JunctionConflict, ...]:
 
 def stage_filtering_cyclists(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
     """Return CAVs that turn left through the gap of the oncoming queue, past whose right flank pedelecs come."""
-    turns = _find_left_turns(roads)
+    turns = find_left_turns(roads)
     if not turns:
         raise refuse_place(roads, "a left turn across an oncoming lane")
     gap = find_gap(roads, choose_site(turns, values["site"]))
-    column, riders = _build_stream(roads, gap, values, "bicycle", -FLANK_M)
-    queue = build_queue(roads, gap, _choose_models(values, seed), CAR.width / 2 + values["gap_m"], -FLANK_M)
-    return FamilyScene(build_columns(roads, (column,)), (), (*queue, *riders), (_build_mast(roads, column, values),))
+    column, riders = build_queue_stream(roads, gap, values, "bicycle", -FLANK_M)
+    queue = build_queue(roads, gap, choose_models(values, seed), CAR.width / 2 + values["gap_m"], -FLANK_M)
+    return FamilyScene(
+        build_columns(roads, (column,)), (), (*queue, *riders), (build_mast_beyond(roads, column, values),)
+    )
 
 
 def stage_two_queues(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
@@ -193,24 +195,24 @@ def stage_two_queues(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
     gap, beside, opposite = (find_gap(roads, one) for one in (coming, other, facing))
     middle_m = gap.find_offset(beside.locate(0.0)[0]) / 2
     flank_m = middle_m - values["behind_m"] - BODIES["moped"].width / 2
-    column, riders = _build_stream(roads, gap, values, "moped", flank_m)
+    column, riders = build_queue_stream(roads, gap, values, "moped", flank_m)
     back_m, due_s = opposite.locate(middle_m)[0], values["due_s"] + values["back_s"]
     back = CavColumn(opposite.own, back_m, round(values["back"]), due_s, values["headway_s"])
     free_m, also = CAR.width / 2 + values["gap_m"], site.back.own.lanes
     queues = [
-        build_queue(roads, one, _choose_models(values, f"{seed}/{name}", True), free_m, flank_m, name, also)
+        build_queue(roads, one, choose_models(values, f"{seed}/{name}", True), free_m, flank_m, name, also)
         for one, name in ((gap, "queue"), (beside, "beside"))
     ]
     egos = build_columns(roads, (column, back))
-    return FamilyScene(egos, (), (*queues[0], *queues[1], *riders), (_build_mast(roads, column, values),))
+    return FamilyScene(egos, (), (*queues[0], *queues[1], *riders), (build_mast_beyond(roads, column, values),))
 
 
-def _build_mast(roads: RoadMap, column: CavColumn, values: Values) -> RoadsideUnit:
+def build_mast_beyond(roads: RoadMap, column: CavColumn, values: Values) -> RoadsideUnit:
     """Return a roadside unit above the route of a column, as far beyond the stream as `mast_m` says."""
     return build_mast("rsu", compute_pose(roads, column.lanes, column.at_m + values["mast_m"]))
 
 
-def _choose_models(values: Values, seed: str, hides_both: bool = False) -> tuple[list[str], list[str]]:
+def choose_models(values: Values, seed: str, hides_both: bool = False) -> tuple[list[str], list[str]]:
     """Return the models before and behind a gap: high ones beside it, and as many as the queue is long.
 
     hides_both: behind it too.
@@ -232,12 +234,12 @@ _STREAM = (
 _BEHIND_STREAM = "distance of a roadside unit behind the stream, above the way of the CAVs"
 _MAST = FamilyParameter("mast_m", 1.0, 6.0, "m", _BEHIND_STREAM)
 _OWN = name_number("own", 2.0, 4.4, "in the column that has to cross")
-_DUE = FamilyParameter("due_s", 3.5, 5.0, "s", "time after which the first CAV is due at the stream")
+DUE = FamilyParameter("due_s", 3.5, 5.0, "s", "time after which the first CAV is due at the stream")
 _CROSSINGS = tuple(
     PlaceChoice("crossing", {"arms": 4, "control": control, "area": area, "speed_kmh": 50})
     for control, area in (("priority", "town"), ("stop", "town"), ("priority", "suburb"))
 )
-_CYCLE_PLACES = (
+CYCLE_PLACES = (
     *(
         PlaceChoice(
             "crossing", {"arms": 4, "control": "priority", "area": area, "speed_kmh": 50, "beside": "cycle_lanes"}
@@ -257,7 +259,7 @@ FAMILIES = (
         (
             SITE,
             _OWN,
-            _DUE,
+            DUE,
             HEADWAY,
             *_STREAM,
             _MAST,
@@ -269,11 +271,11 @@ FAMILIES = (
     ScenarioFamily(
         "filtering-cyclists",
         "CAVs turn left through the gap of the oncoming queue, past which cyclists ride on the side of the kerb.",
-        _CYCLE_PLACES,
+        CYCLE_PLACES,
         (
             SITE,
             _OWN,
-            _DUE,
+            DUE,
             HEADWAY,
             *_STREAM,
             _MAST,
@@ -291,7 +293,7 @@ FAMILIES = (
             name_number("own", 1.5, 3.4, "on the first approach"),
             name_number("back", 1.0, 3.4, "on the opposite approach"),
             FamilyParameter("back_s", -0.5, 1.5, "s", "how much later those on the opposite approach are due"),
-            _DUE,
+            DUE,
             HEADWAY,
             *_STREAM,
             FamilyParameter("mast_m", -0.6, 0.6, "m", _BEHIND_STREAM),
