@@ -7,7 +7,6 @@ import pickle
 import socket
 import struct
 from contextlib import suppress
-from typing import Any
 
 LENGTH = struct.Struct("<I")
 MAX_MESSAGE_BYTES = 2**30
@@ -60,14 +59,6 @@ class MessageSocket:
             begin = end
         del self._buffer[:begin]
         return messages
-
-    def receive_one(self) -> Any:
-        """Return the next message; wait for it. Raises EOFError, OSError."""
-        messages = self.receive()
-        while not messages:
-            messages = self.receive()
-        assert len(messages) == 1, "expected one message at a time"
-        return pickle.loads(messages[0])
 
     def take_descriptor(self) -> int:
         """Return the oldest descriptor that came with a message; the caller closes it."""

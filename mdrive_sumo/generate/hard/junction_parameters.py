@@ -11,18 +11,12 @@ OLD_TOWNS = (
     PlaceChoice("corridor", {"junctions": 3, "limit_kmh": 50.0, "signals": "none", "keeps_sight": False}),
 )
 SITE = FamilyParameter("site", 0.0, 1.0, "", "which of the crossings of the place")
-DUE = FamilyParameter("due_s", 3.5, 5.5, "s", "time after which the first CAV is due at the conflict")
 HEADWAY = FamilyParameter("headway_s", 0.8, 1.6, "s", "time headway in a column of CAVs")
 VAN = FamilyParameter("van", 0.0, 1.0, "", "whether hidden vehicles are vans (from 0.5 on)")
-MAST = FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit sees the junction (from 0.5 on)")
 
 
 def name_number(name: str, low: float, high: float, meaning: str) -> FamilyParameter:
     return FamilyParameter(name, low, high, "", f"number of CAVs {meaning}, rounded")
-
-
-def name_flow(low: float, high: float, where: str) -> FamilyParameter:
-    return FamilyParameter("flow", low, high, "veh/h", f"other traffic on each way of {where}")
 
 
 HIDDEN = (

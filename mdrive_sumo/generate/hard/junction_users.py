@@ -1,20 +1,14 @@
 """Road users that are due at a place of a way at a given time: columns of CAVs, hidden vehicles, other traffic."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from mdrive_sumo.generate.hard.family import Values
-from mdrive_sumo.generate.hard.sites.junction_conflicts import JunctionConflict
-from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, compute_timing
+from mdrive_sumo.generate.hard.sites.junction_ways import compute_timing
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.background import BackgroundVehicle
-from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
-from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.start_boxes import CAR
-from mdrive_sumo.worlds.placement.bodies import BODY_SIZES, build_driving_actor, build_mast
 from mdrive_sumo.worlds.placement.cavs import NoRoomError, build_cav
-from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length, compute_pose, find_station
-from mdrive_sumo.worlds.streams.lane_flows import CARS, TrafficFlow, build_flows
+from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length
 
 RIM_M = 5.0
 """[m] Least distance of a vehicle's centre from the beginning of its lanes, and of a goal from their end."""
@@ -71,45 +65,3 @@ def build_columns(roads: RoadMap, columns: Iterable[CavColumn]) -> tuple[Ego, ..
             start_speed = timing.find_speed(start_m) * column.start_share
             egos.append(build_cav(roads, str(len(egos)), column.lanes, (start_m, goal_m), start_speed))
     return tuple(egos)
-
-
-def build_due_vehicle(
-    roads: RoadMap, name: str, model: str, way: tuple[Lanes, float], due_s: float, speed: float, **more: object
-) -> Actor:
-    """Return a vehicle that is not connected, yields to nothing and reaches a station of a chain of lanes after
-    `due_s`, at a constant speed [m/s]; it starts where the lanes begin if they are too short.
-
-    way: lanes and the station [m] at which it is due.
-    """
-    lanes, at_m = way
-    start_m = max(at_m - speed * due_s, BODY_SIZES[model][0] / 2 + 1.0)
-    return build_driving_actor(roads, name, model, (lanes, start_m, speed), **more)
-
-
-def compute_due_behind(roads: RoadMap, ahead: Actor, way: tuple[Lanes, float], behind_s: float) -> float:
-    """Return when [s] a CAV is due at a station of a chain of lanes that starts `behind_s` behind a vehicle there.
-
-    The vehicle may be faster than the road allows; the CAV is not.
-    """
-    timing = compute_timing(roads, way[0])
-    start_m = find_station(roads, way[0], ahead.start.x, ahead.start.y)
-    return timing.compute_between(start_m, way[1]) + behind_s
-
-
-def build_masts(roads: RoadMap, conflict: JunctionConflict, values: Values) -> tuple[RoadsideUnit, ...]:
-    """Return a roadside unit above a junction where `mast` is 0.5 or more."""
-    if values["mast"] < 0.5:
-        return ()
-    return (build_mast("rsu", compute_pose(roads, conflict.own.lanes, conflict.own_m, MAST_M)),)
-
-
-def build_traffic_on(
-    roads: RoadMap,
-    ways: Sequence[JunctionWay],
-    per_hour: float,
-    seed: str,
-    users: Sequence[Ego | Actor],
-) -> tuple[BackgroundVehicle, ...]:
-    """Return reactive traffic along ways, each with that many vehicles an hour."""
-    flows = [TrafficFlow(way.lanes, per_hour, CARS) for way in ways]
-    return build_flows(roads, flows, seed, users)

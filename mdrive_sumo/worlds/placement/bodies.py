@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
 from mdrive_sumo.scenario.scenario_part import Pose
@@ -12,19 +11,13 @@ from mdrive_sumo.scenario.scripted_actor import (
     Actor,
     DistanceTrigger,
     KindName,
-    LaneMotion,
     PathMotion,
-    PositionTrigger,
     StartMotion,
     Trigger,
 )
 from mdrive_sumo.worlds.placement.lane_chains import (
-    Lanes,
     Spot,
     build_pose,
-    compute_chain_length,
-    compute_pose,
-    select_lanes,
 )
 
 BODY_SIZES: Mapping[str, tuple[float, float]] = {
@@ -98,20 +91,6 @@ def build_rider(
     return build_actor(name, body, poses[0], motion=motion, **more)
 
 
-def build_driving_actor(
-    roads: RoadMap, name: str, model: str, drive: tuple[Lanes, float, float], **more: object
-) -> Actor:
-    """Return a vehicle that is not connected and drives along lanes; `drive`: lanes, start [m], speed [m/s].
-
-    It stops for what is in its way, and yields to nothing else. `more`: further fields of `Actor`; with a trigger it
-    stands until then.
-    """
-    lanes, start_m, speed = drive
-    used = select_lanes(roads, lanes, start_m, compute_chain_length(roads, lanes))
-    motion = LaneMotion(lanes=used, speed=round(speed, 2), start_speed=0.0 if "trigger" in more else round(speed, 2))
-    return build_actor(name, BODIES[model], compute_pose(roads, lanes, start_m), motion=motion, **more)
-
-
 def build_mast(name: str, pose: Pose) -> RoadsideUnit:
     """Return a roadside unit at the position of a pose."""
     return RoadsideUnit(id=name, x=pose.x, y=pose.y)
@@ -120,9 +99,3 @@ def build_mast(name: str, pose: Pose) -> RoadsideUnit:
 def build_distance_trigger(ego: Ego, distance_m: float) -> DistanceTrigger:
     """Return a trigger that fires when a CAV is within a distance [m], at least 3 m and at most 50 m."""
     return DistanceTrigger(vehicle=ego.id, distance_m=round(min(max(distance_m, 3.0), 50.0), 2))
-
-
-def build_arrival_trigger(ego: Ego, distance_m: float) -> PositionTrigger:
-    """Return a trigger that fires when a CAV has driven a distance [m] along its route, however long that takes."""
-    x, y, _ = ego.route[min(max(round(distance_m), 0), len(ego.route) - 1)]
-    return PositionTrigger(vehicle=ego.id, x=x, y=y, radius_m=3.0)

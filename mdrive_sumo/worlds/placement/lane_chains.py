@@ -109,11 +109,6 @@ def find_station(roads: RoadMap, lanes: Lanes, x: float, y: float) -> float:
     return build_route_line(roads, lanes).curve.project(x, y)[0]
 
 
-def find_lane_start(roads: RoadMap, lanes: Lanes, lane: str) -> float:
-    """Return the station [m] at which a lane of the chain begins, e.g. the first lane inside a junction."""
-    return find_station(roads, lanes, *roads.lanes[lane].centre.at(0.0))
-
-
 def compute_lane_begins(roads: RoadMap, lanes: Lanes) -> list[float]:
     """Return the stations [m] at which the lanes of a chain begin; a lane change does not add to them."""
     begins = [0.0]

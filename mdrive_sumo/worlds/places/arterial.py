@@ -35,8 +35,6 @@ FRONTAGES = {
 """Rows of houses by style; distances chosen by what main roads of 1970, 1990 and 1900 look like."""
 END_M = (110.0, 150.0)
 """[m] Range of the road before its first and after its last junction; chosen: a turn lane and 60 m before it."""
-KEPT_MEDIAN_M = 1.5
-"""[m] What is left of the median beside a turn lane (RASt 06: 1.60 m for signs; rounded to the grid of widths)."""
 PLANTED_FROM_M = 12.0
 """[m] From the end of a turn lane to the first tree; chosen."""
 TREE_EVERY_M, HEDGE_M = 14.0, 1.2

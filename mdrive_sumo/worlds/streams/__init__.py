@@ -1,1 +1,1 @@
-"""Streams of traffic that SUMO drives: along edges, along lanes of fast roads, and around the CAVs."""
+"""Traffic that SUMO drives around the CAVs."""

@@ -105,12 +105,6 @@ class DriveContext:
             return None
         return EnteredRun(self.record, self.setup.from_tick, is_driven=bool(self.agents))
 
-    def choose_first_driver(self, cav: str) -> DriverChoice:
-        """Return who drives a CAV in tick 0: a person, or an agent."""
-        if cav in self.agents:
-            return self.agents[cav]
-        return self.choose_driver(cav)
-
     def choose_driver(self, cav: str) -> DriverChoice:
         """Return who drives a CAV from the tick on in which people begin."""
         if cav in self.setup.people:

@@ -1,6 +1,6 @@
 """TakeActions: where the drivers of a take read what happens, live and in a re-execution alike: in its actions."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.runs.takes import HUMAN, Action, RecordedActions, make_leaving
@@ -59,8 +59,3 @@ class TakeActions:
     def read(self, tick: int) -> Action:
         """See ActionSource."""
         return self._log.read(self._ego, tick)
-
-
-def make_sources(log: TakeLog, egos: Sequence[str]) -> Mapping[str, TakeActions]:
-    """Return the actions of every CAV."""
-    return {ego: TakeActions(log, ego) for ego in egos}

@@ -20,7 +20,6 @@ from mdrive_sumo.worlds.placement.lane_chains import (
     compute_lane_begins,
     compute_pose,
     find_conflict_stations,
-    find_lane_start,
     find_station,
     select_lanes,
 )
@@ -72,7 +71,7 @@ def test_lanes_meet_where_they_cross_or_never() -> None:
     assert met is not None
     here, there = compute_pose(ROADS, CHAIN, met[0]), compute_pose(ROADS, oncoming, met[1])
     assert math.hypot(here.x - there.x, here.y - there.y) < 1.7
-    assert find_lane_start(ROADS, CHAIN, CHAIN[1]) <= met[0] <= find_lane_start(ROADS, CHAIN, CHAIN[-1]) + 5.0
+    assert compute_lane_begins(ROADS, CHAIN)[1] <= met[0] <= compute_lane_begins(ROADS, CHAIN)[-1] + 5.0
     apart = find_lane_path(ROADS, "east_0_1", "east_1_1")
     assert find_conflict_stations(build_route_line(ROADS, apart), build_route_line(ROADS, oncoming)) is None
 
