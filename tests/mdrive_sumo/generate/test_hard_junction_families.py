@@ -10,7 +10,7 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.drawn_places import PlaceChoice
-from mdrive_sumo.generate.hard import families_junctions, families_rows
+from mdrive_sumo.generate.hard import families_rows
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
 from mdrive_sumo.generate.hard.junction_parameters import OLD_TOWNS
 from mdrive_sumo.generate.hard.sites.crossroads import find_crossroads
@@ -23,7 +23,7 @@ from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion
 from mdrive_sumo.worlds.placement.lane_chains import MEETING_M, build_route_line
 from mdrive_sumo.worlds.places import draw_place, write_place
 
-FAMILIES = (*families_junctions.FAMILIES, *families_rows.FAMILIES)
+FAMILIES = families_rows.FAMILIES
 CATEGORIES = [family.category for family in FAMILIES]
 DRAWS = 12
 """Candidates of which at least one is sound: most are, but for those that have no room."""
