@@ -14,7 +14,7 @@ import shapely
 from mdrive_sumo.contract.briefing import JunctionKind
 from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
-from mdrive_sumo.generate.hard.junction_parameters import HEADWAY, SITE
+from mdrive_sumo.generate.hard.junction_parameters import SITE
 from mdrive_sumo.generate.hard.junction_users import CavColumn, build_columns
 from mdrive_sumo.generate.hard.sites.junction_conflicts import choose_site, refuse_place
 from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay
@@ -46,6 +46,8 @@ BEND_M = 0.15
 """[m] What stands beside a way that bends may be so much nearer to it."""
 SHIFTS_M = (0.0, 0.1, 0.2, 0.3, 0.4)
 """[m] Long vehicles beside a bend stand so much farther aside: an arc of 100 m rises by 0.3 m over 16 m."""
+MOST_GAP_M = 1.5
+"""[m] From the row to the middle of the riders: past wider gaps drivers see enough of them."""
 ROW_BEGIN_M = 8.0
 """[m] A row begins at least so far behind the begin of its lane."""
 BEYOND_M = 5.0
@@ -101,7 +103,10 @@ def stage_riders(kind: RiderKind, values: Values, seed: str, roads: RoadMap) -> 
     actors: list[Actor] = []
     for k, crossing in enumerate(crossings):
         actors += _build_riders(roads, kind, crossing, values, f"rider{k}_")
-        actors += _build_row(roads, kind, crossing, values, f"parked{k}_")
+        row = list(_build_row(roads, kind, crossing, values, f"parked{k}_"))
+        if not row or build_user_box(row[0]).distance(crossing.strip.line) > MOST_GAP_M:
+            raise NoRoomError(f"network {roads.name}: expected room for a row up to the riders' line, found none")
+        actors += row
     masts = tuple(
         build_mast(f"rsu{k}", compute_pose(roads, one.way.lanes, one.own_m, MAST_M))
         for k, one in enumerate(crossings)
@@ -238,14 +243,14 @@ _TWO_LANES = (
 )
 _COUNTRY = (
     _choose(area="country", control="priority", speed_kmh=70),
-    _choose(area="country", control="stop", speed_kmh=70),
+    _choose(area="country", control="priority", speed_kmh=50),
     _choose(area="country", control="priority", speed_kmh=60),
 )
 _QUIET = (
-    PlaceChoice("town_block", {"area": "old_town", "control": "right_before_left", "rows": 2, "keeps_sight": False}),
+    PlaceChoice("town_block", {"area": "town", "control": "right_before_left", "rows": 2, "keeps_sight": False}),
     PlaceChoice("town_block", {"area": "town", "control": "main_street", "columns": 3, "keeps_sight": False}),
-    _choose(area="old_town", control="right_before_left", speed_kmh=30),
-    _choose(area="suburb", control="right_before_left", speed_kmh=30),
+    _choose(area="town", control="right_before_left", speed_kmh=30),
+    _choose(area="suburb", control="priority", speed_kmh=30),
 )
 _MINOR: tuple[JunctionKind, ...] = ("yield", "stop", "right-before-left")
 
@@ -260,7 +265,7 @@ def _name_parameters(**bounds: tuple[float, float]) -> tuple[FamilyParameter, ..
         name("back", 0.6, 3.4, "", "number of CAVs on the second way, if there is one, rounded"),
         FamilyParameter("due_s", 3.0, 4.5, "s", "time after which the first CAV is due at the riders' line"),
         FamilyParameter("back_s", -0.5, 1.5, "s", "how much later the first one on the second way is due"),
-        HEADWAY,
+        name("headway_s", 1.1, 1.9, "s", "time headway in a column of CAVs"),
         name("riding", 8.3, 9.5, "m/s", "speed of the riders"),
         name("before_s", 1.2, 2.2, "s", "how much earlier than the first CAV the first rider is due"),
         name("every_s", 0.9, 1.4, "s", "time between two riders"),
