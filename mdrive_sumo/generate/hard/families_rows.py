@@ -1,8 +1,8 @@
 """Families where CAVs turn left across a stream: a row of lorries that stand beside it hides it from them."""
 
 import random
-from collections.abc import Callable
 from functools import lru_cache
+from itertools import chain
 
 from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
@@ -28,7 +28,6 @@ HIGH = ("truck", "bus")
 """Models of vehicles that stand: a LiDAR on a roof does not look over them."""
 ROW_GAP_M = 1.0
 """[m] Between them."""
-Fits = Callable[[RoadMap, JunctionConflict], bool]
 
 
 def _turns_before_oncoming(roads: RoadMap, one: JunctionConflict) -> bool:
@@ -42,70 +41,79 @@ def _turns_before_oncoming(roads: RoadMap, one: JunctionConflict) -> bool:
     )
 
 
-def _turns_out_of_minor_street(roads: RoadMap, one: JunctionConflict) -> bool:
-    """Return whether a way that must give way turns left across the left one of two lanes from the left."""
+def _leaves_minor_street(roads: RoadMap, one: JunctionConflict) -> bool:
+    """Return whether a way that must give way crosses a lane straight on from the left, with at most one lane at its
+    right and none at its left."""
     lane = roads.lanes[one.other.approach]
     return (
         one.own.control in ("yield", "stop")
+        and one.other.turn == "straight"
         and one.from_left
         and not are_opposite(roads, one.own, one.other)
-        and bool(lane.right)
         and not lane.left
-    )
-
-
-def _passes_parked_row(roads: RoadMap, one: JunctionConflict) -> bool:
-    """Return whether a way that must give way turns left across the only lane from the left."""
-    lane = roads.lanes[one.other.approach]
-    return (
-        one.own.control in ("yield", "stop")
-        and one.from_left
-        and not are_opposite(roads, one.own, one.other)
-        and not lane.right
-        and not lane.left
+        and not (lane.right and roads.lanes[lane.right].right)
     )
 
 
 @lru_cache(maxsize=128)
-def _find_sites(roads: RoadMap, fits: Fits) -> tuple[JunctionConflict, ...]:
-    """Return the left turns across ways straight on that fit."""
+def _find_left_turns(roads: RoadMap) -> tuple[JunctionConflict, ...]:
     return tuple(
         one
         for one in find_junction_conflicts(roads)
-        if one.own.turn == "left" and one.other.turn == "straight" and fits(roads, one)
+        if one.own.turn == "left" and one.other.turn == "straight" and _turns_before_oncoming(roads, one)
+    )
+
+
+@lru_cache(maxsize=128)
+def _find_facing_streets(roads: RoadMap) -> tuple[tuple[JunctionConflict, JunctionConflict], ...]:
+    """Return left turns out of minor streets, each with the way straight on out of the one that faces it."""
+    leaving = [one for one in find_junction_conflicts(roads) if _leaves_minor_street(roads, one)]
+    return tuple(
+        (one, back)
+        for one in leaving
+        for back in leaving
+        if (one.own.turn, back.own.turn) == ("left", "straight")
+        and one.own.junction == back.own.junction
+        and are_opposite(roads, one.own, back.own)
     )
 
 
 def stage_left_turn(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
     """Return CAVs that turn left in front of lorries that wait to turn left, too, and hide a stream beside them."""
-    return _stage(values, seed, roads, _turns_before_oncoming, 1.0)
-
-
-def stage_minor_left_turn(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
-    """Return CAVs that turn left out of a minor street in front of lorries, which hide those who pass them."""
-    return _stage(values, seed, roads, _turns_out_of_minor_street, -1.0)
-
-
-def stage_convoy(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
-    """Return CAVs that leave a minor street at the end of a parked row, along which a convoy on call comes."""
-    return _stage(values, seed, roads, _passes_parked_row, -1.0)
-
-
-def _stage(values: Values, seed: str, roads: RoadMap, fits: Fits, left: float) -> FamilyScene:
-    """left: 1 where the row stands at the left of the stream, -1 at its right."""
-    sites = _find_sites(roads, fits)
+    sites = _find_left_turns(roads)
     if not sites:
-        raise refuse_place(roads, "a way that turns left across a stream beside a row")
+        raise refuse_place(roads, "a left turn across two lanes from ahead")
     one = choose_site(sites, values["site"])
-    columns = [CavColumn(one.own.lanes, one.own_m, round(values["own"]), values["due_s"], values["headway_s"])]
+    egos = build_columns(roads, [_build_column(one, values, "own", 0.0)])
+    actors = build_hidden_stream(roads, one, 1.0, values, (seed, ""))
+    masts = build_stream_masts(roads, one, -values["mast_m"])
+    return FamilyScene(egos, (), actors, masts, one.own.control == "traffic-light")
+
+
+def stage_facing_streets(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
+    """Return CAVs of two minor streets that face each other, each of which a hidden stream passes from the left: those
+    of one turn left, those of the other drive straight on, so that they meet when the streams have passed."""
+    sites = _find_facing_streets(roads)
+    if not sites:
+        raise refuse_place(roads, "two minor streets that face each other")
+    one, back = choose_site(sites, values["site"])
+    columns = [_build_column(one, values, "own", 0.0), _build_column(back, values, "back", values["back_s"])]
     egos = build_columns(roads, columns)
-    actors = _build_hidden_stream(roads, one, left, values, (seed, ""))
-    return FamilyScene(
-        egos, (), actors, _build_masts(roads, one, -left * values["mast_m"]), one.own.control == "traffic-light"
+    actors = (
+        *build_hidden_stream(roads, one, -1.0, values, (seed, "")),
+        *build_hidden_stream(roads, back, -1.0, values, (seed, "-back")),
     )
+    watched = (one, back)[: round(values["masts"])]
+    masts = [build_stream_masts(roads, site, values["mast_m"], f"rsu{k}") for k, site in enumerate(watched)]
+    return FamilyScene(egos, (), actors, tuple(chain.from_iterable(masts)))
 
 
-def _build_hidden_stream(
+def _build_column(one: JunctionConflict, values: Values, count: str, later_s: float) -> CavColumn:
+    due_s = values["due_s"] + later_s
+    return CavColumn(one.own.lanes, one.own_m, round(values[count]), due_s, values["headway_s"])
+
+
+def build_hidden_stream(
     roads: RoadMap, one: JunctionConflict, left: float, values: Values, names: tuple[str, str]
 ) -> tuple[Actor, ...]:
     """Return a row and a stream beside it. names: the seed, and the end of their ids."""
@@ -130,37 +138,11 @@ def _build_hidden_stream(
     return (*row, *build_stream(roads, f"stream{ending}", stream))
 
 
-def stage_both_sides(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
-    """Return CAVs of both minor streets of a crossing, each of which a hidden stream passes from the left: those of
-    one turn left, those of the other drive straight on, so that they meet when the streams have passed."""
-    sites = [
-        (one, back)
-        for one in _find_sites(roads, _turns_out_of_minor_street)
-        for back in find_junction_conflicts(roads)
-        if back.own.turn == back.other.turn == "straight"
-        and are_opposite(roads, one.own, back.own)
-        and back.own.junction == one.own.junction
-        and _turns_out_of_minor_street(roads, back)
-    ]
-    if not sites:
-        raise refuse_place(roads, "two minor streets that face each other across two lanes of a direction")
-    one, back = choose_site(sites, values["site"])
-    first_s, headway_s = values["due_s"], values["headway_s"]
-    columns = [
-        CavColumn(one.own.lanes, one.own_m, round(values["own"]), first_s, headway_s),
-        CavColumn(back.own.lanes, back.own_m, round(values["back"]), first_s + values["back_s"], headway_s),
-    ]
-    egos = build_columns(roads, columns)
-    actors = (
-        *_build_hidden_stream(roads, one, -1.0, values, (seed, "")),
-        *_build_hidden_stream(roads, back, -1.0, values, (seed, "-back")),
-    )
-    return FamilyScene(egos, (), actors, _build_masts(roads, one, values["mast_m"]))
-
-
-def _build_masts(roads: RoadMap, one: JunctionConflict, aside_m: float) -> tuple[RoadsideUnit, ...]:
+def build_stream_masts(
+    roads: RoadMap, one: JunctionConflict, aside_m: float, name: str = "rsu"
+) -> tuple[RoadsideUnit, ...]:
     """Return a roadside unit so far to the left of the middle of the stream."""
-    return (build_mast("rsu", compute_pose(roads, one.other.lanes, one.other_m, aside_m)),)
+    return (build_mast(name, compute_pose(roads, one.other.lanes, one.other_m, aside_m)),)
 
 
 def _choose_crossing(area: str, control: str, **more: str | bool) -> PlaceChoice:
@@ -168,47 +150,40 @@ def _choose_crossing(area: str, control: str, **more: str | bool) -> PlaceChoice
     return PlaceChoice("crossing", {**parameters, **more})
 
 
-def _choose_street(area: str, **more: str | bool) -> PlaceChoice:
+def _choose_street(area: str) -> PlaceChoice:
     parameters = {"area": area, "arms": 4, "control": "priority", "main_lanes": 1, "speed_kmh": 50}
-    return PlaceChoice("crossing", {**parameters, "keeps_sight": False, **more})
+    return PlaceChoice("crossing", {**parameters, "beside": "parking", "keeps_sight": False})
 
 
 _PARAMETERS = (
     SITE,
-    name_number("own", 2.3, 4.4, "that have to cross the stream"),
-    FamilyParameter("due_s", 4.5, 6.0, "s", "time after which the first CAV is due at the conflict"),
+    FamilyParameter("due_s", 5.5, 7.0, "s", "time after which the first CAV is due at the conflict"),
     FamilyParameter("headway_s", 1.0, 1.8, "s", "time headway of the CAVs"),
-    FamilyParameter("share", 0.95, 1.1, "", "speed of the stream as a share of the limit"),
+    FamilyParameter("share", 1.0, 1.3, "", "speed of the stream as a share of the limit"),
     FamilyParameter("gap_m", 0.3, 0.5, "m", "from the flanks of the lorries that stand to the stream"),
     FamilyParameter("side_m", 1.3, 2.2, "m", "from the first lorry to the middle of the CAVs' way"),
     FamilyParameter("standing", 4.0, 7.4, "", "number of lorries and buses that stand, rounded"),
     FamilyParameter("before_s", 2.5, 4.5, "s", "from the first vehicle of the stream to the first CAV"),
-    FamilyParameter("lasts_s", 5.5, 8.0, "s", "from the first CAV to the last vehicle of the stream"),
+    FamilyParameter("lasts_s", 4.5, 6.5, "s", "from the first CAV to the last vehicle of the stream"),
     FamilyParameter("every_s", 1.3, 1.8, "s", "time between the two vehicles of a pair"),
-    FamilyParameter("pause_s", 2.4, 3.0, "s", "time from a pair of the stream to the next"),
+    FamilyParameter("pause_s", 2.6, 3.6, "s", "time from a pair of the stream to the next"),
     FamilyParameter("buses", 0.0, 1.0, "", "whether the stream is of buses (from 0.5 on) or of lorries"),
     FamilyParameter(
-        "mast_m", 0.0, 1.6, "m", "from the stream to the mast: if it is near, each lorry hides the next one"
+        "mast_m", 0.0, 1.2, "m", "from the stream to the mast: if it is near, each lorry hides the next one"
     ),
 )
-_TWO_LANES = (
+TWO_LANES = (
     _choose_crossing("old_town", "priority", keeps_sight=False),
-    _choose_crossing("town", "priority"),
-    _choose_crossing("town", "stop"),
+    *(_choose_crossing(area, "priority") for area in ("town", "suburb", "commercial")),
+)
+_FACING = (
+    *_PARAMETERS,
+    name_number("own", 1.5, 3.4, "that turn left"),
+    name_number("back", 0.6, 3.4, "that come from the other side and drive straight on"),
+    FamilyParameter("back_s", -0.5, 1.0, "s", "how much later those are due"),
+    FamilyParameter("masts", 0.6, 2.4, "", "number of streams that a roadside unit sees, rounded"),
 )
 FAMILIES = (
-    ScenarioFamily(
-        "both-sides",
-        "CAVs of two minor streets that face each other cross hidden streams, and meet when these have passed.",
-        _TWO_LANES,
-        (
-            *(one for one in _PARAMETERS if one.name != "own"),
-            name_number("own", 1.5, 3.4, "that turn left"),
-            name_number("back", 1.5, 3.4, "that come from the other side and drive straight on"),
-            FamilyParameter("back_s", -0.5, 1.0, "s", "how much later those are due"),
-        ),
-        stage_both_sides,
-    ),
     ScenarioFamily(
         "left-turn",
         "CAVs turn left in front of lorries that wait to turn left; beside them vehicles come straight on.",
@@ -216,27 +191,21 @@ FAMILIES = (
             *(_choose_crossing(area, "signals", program="permitted") for area in ("town", "suburb", "commercial")),
             _choose_crossing("town", "priority"),
         ),
-        _PARAMETERS,
+        (*_PARAMETERS, name_number("own", 2.3, 4.4, "that turn left")),
         stage_left_turn,
     ),
     ScenarioFamily(
-        "convoy",
-        "CAVs turn left out of a minor street; parked lorries hide a convoy on call that passes them.",
-        (
-            *(_choose_street(area, beside="parking") for area in ("old_town", "town", "suburb")),
-            PlaceChoice(
-                "corridor",
-                {"junctions": 3, "limit_kmh": 50.0, "signals": "none", "parking": "both_sides", "keeps_sight": False},
-            ),
-        ),
-        _PARAMETERS,
-        stage_convoy,
+        "both-sides",
+        "CAVs of two minor streets cross a main one: lorries stand in its right lanes and hide those that pass them.",
+        TWO_LANES,
+        _FACING,
+        stage_facing_streets,
     ),
     ScenarioFamily(
-        "minor-left-turn",
-        "CAVs turn left out of a minor street in front of lorries that stand in the first lane; others pass them.",
-        _TWO_LANES,
-        _PARAMETERS,
-        stage_minor_left_turn,
+        "parked-rows",
+        "CAVs of two minor streets cross a main one: lorries are parked along it and hide those that pass them.",
+        tuple(_choose_street(area) for area in ("old_town", "town")),
+        _FACING,
+        stage_facing_streets,
     ),
 )
