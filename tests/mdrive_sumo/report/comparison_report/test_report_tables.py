@@ -5,7 +5,7 @@ from statistics import harmonic_mean
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.report_samples import BEST, CRASH, SINGLE, make_agent_run, make_sample_runs
+from testing.report_samples import BEST, CRASH, SHARING, SINGLE, make_agent_run, make_sample_runs
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_markdown
@@ -17,6 +17,7 @@ from mdrive_sumo.report.comparison_report.outcome_tables import (
     build_scalar_table,
 )
 from mdrive_sumo.report.comparison_report.provenance_table import build_provenance_table, list_facts, list_warnings
+from mdrive_sumo.report.comparison_report.ranking_table import build_ranking_table
 from mdrive_sumo.report.comparison_report.scenario_tables import (
     build_category_table,
     build_distribution_table,
@@ -64,6 +65,26 @@ def agents() -> tuple[ComparedAgent, ...]:
 @pytest.mark.usefixtures("intervals_of_few")
 def test_the_main_table_is_the_golden_one() -> None:
     assert format_markdown(build_main_table(make_agents_of_results(make_sample_runs().values()))) == GOLDEN
+
+
+def test_the_ranking_stands_by_track_and_says_when_intervals_are_missing() -> None:
+    runs = (
+        make_agent_run("single", SINGLE),
+        make_agent_run("sharing", SHARING, exchanged=("cam",)),
+        make_agent_run("blind", SINGLE, track="sensor"),
+        make_agent_run("omniscient", BEST, labels=("privileged",)),
+    )
+    table = build_ranking_table(make_agents_of_results(runs))
+    assert table is not None and "Too few places for intervals (6): ranks go by the ability alone." in table.note
+    found = [(row.section, row.cells[0].value, row.cells[1].value) for row in table.rows]
+    assert found == [
+        ("Object track", "sharing", 1.0),
+        ("Object track", "single", 2.0),
+        ("Sensor track", "blind", 1.0),
+        ("Privileged: an upper bound, not ranked", "omniscient", None),
+    ]
+    alone = build_ranking_table(make_agents_of_results([make_agent_run(name, SINGLE) for name in "abc"]))
+    assert alone is not None and {row.section for row in alone.rows} == {""}
 
 
 def test_published_rows_are_set_apart_and_change_no_mark(agents: tuple[ComparedAgent, ...]) -> None:
