@@ -17,7 +17,7 @@ from mdrive_sumo.generate.hard.junction_users import (
     CavColumn,
     build_columns,
 )
-from mdrive_sumo.generate.hard.sites.crossroads import are_opposite, choose_crossroads
+from mdrive_sumo.generate.hard.sites.crossroads import Crossroads, are_opposite, find_crossroads
 from mdrive_sumo.generate.hard.sites.junction_conflicts import (
     JunctionConflict,
     choose_site,
@@ -149,10 +149,21 @@ def build_queue_stream(
     return column, build_stream(roads, model, stream)
 
 
+def _choose_crossing(roads: RoadMap, values: Values) -> Crossroads:
+    """Return a crossing straight on: a left turn would lead towards the stream in the other lane."""
+    sites = [
+        one
+        for one in find_crossroads(roads, ("yield", "stop", "right-before-left"))
+        if one.meeting.own.turn == "straight" and one.far is not None and one.back is not None
+    ]
+    if not sites:
+        raise refuse_place(roads, "a crossing of streets with lanes in both directions")
+    return choose_site(sites, values["site"])
+
+
 def stage_filtering_motorcycles(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
     """Return CAVs that leave a side street through the gap of a queue, past whose far flank motorcycles filter."""
-    site = choose_crossroads(roads, values["site"], ("yield", "stop", "right-before-left"))
-    conflict = min(site.others, key=lambda one: one.own_m)
+    conflict = min(_choose_crossing(roads, values).others, key=lambda one: one.own_m)
     gap = find_gap(roads, conflict)
     column, riders = build_queue_stream(roads, gap, values, "motorcycle", FLANK_M)
     egos = build_columns(roads, (column,))
@@ -185,9 +196,8 @@ def stage_filtering_cyclists(values: Values, seed: str, roads: RoadMap) -> Famil
 
 def stage_two_queues(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
     """Return CAVs of both sides that cross two queues through gaps; mopeds filter between the queues."""
-    site = choose_crossroads(roads, values["site"], ("yield", "stop", "right-before-left"))
-    if site.far is None or site.back is None:
-        raise refuse_place(roads, "a crossing with lanes in both directions")
+    site = _choose_crossing(roads, values)
+    assert site.back is not None, "it is a crossing"
     coming, other = sorted(site.others, key=lambda one: one.from_left)
     facing = next(
         one for one in find_junction_conflicts(roads) if (one.own, one.other) == (site.back.own, coming.other)
@@ -226,18 +236,22 @@ def choose_models(values: Values, seed: str, hides_both: bool = False) -> tuple[
 _STREAM = (
     FamilyParameter("gap_m", 0.45, 0.8, "m", "distance of the queue from the side of a CAV in its gap"),
     FamilyParameter("behind_m", 0.3, 0.4, "m", "distance of the stream from the flanks of the queue"),
-    FamilyParameter("before_s", 1.5, 3.0, "s", "how much earlier than the first CAV the stream begins"),
     FamilyParameter("flows_s", 6.0, 8.5, "s", "for how long after the first CAV is due it goes on"),
     FamilyParameter("pause_s", 2.0, 4.0, "s", "pause before it comes again, besides the time that the CAVs need"),
     FamilyParameter("queue_m", 50.0, 90.0, "m", "length of the queue before the gap"),
 )
 _BEHIND_STREAM = "distance of a roadside unit behind the stream, above the way of the CAVs"
 _MAST = FamilyParameter("mast_m", 1.0, 6.0, "m", _BEHIND_STREAM)
+_BEFORE = FamilyParameter("before_s", 0.8, 2.2, "s", "how much earlier than the first CAV the stream begins")
 _OWN = name_number("own", 2.0, 4.4, "in the column that has to cross")
 DUE = FamilyParameter("due_s", 3.5, 5.0, "s", "time after which the first CAV is due at the stream")
-_CROSSINGS = tuple(
-    PlaceChoice("crossing", {"arms": 4, "control": control, "area": area, "speed_kmh": 50})
-    for control, area in (("priority", "town"), ("stop", "town"), ("priority", "suburb"))
+_STRAIGHT_PLACES = (
+    *OLD_TOWNS[:2],  # the streets of corridors end at the main one
+    *(
+        PlaceChoice("crossing", {"arms": 4, "control": "priority", "area": area, "speed_kmh": 50})
+        for area in ("town", "suburb", "commercial")
+    ),
+    PlaceChoice("town_block", {"area": "town", "control": "main_street", "columns": 3, "keeps_sight": False}),
 )
 CYCLE_PLACES = (
     *(
@@ -255,13 +269,14 @@ FAMILIES = (
     ScenarioFamily(
         "filtering-motorcycles",
         "CAVs leave a side street through the gap of a standing queue, past which motorcycles filter on its far side.",
-        (*OLD_TOWNS, *_CROSSINGS),
+        _STRAIGHT_PLACES,
         (
             SITE,
             _OWN,
             DUE,
             HEADWAY,
             *_STREAM,
+            _BEFORE,
             _MAST,
             FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the motorcycles"),
             FamilyParameter("every_s", 0.6, 0.8, "s", "time between two motorcycles"),
@@ -278,6 +293,7 @@ FAMILIES = (
             DUE,
             HEADWAY,
             *_STREAM,
+            FamilyParameter("before_s", 0.2, 0.8, "s", _BEFORE.meaning),
             _MAST,
             FamilyParameter("speed", 8.0, 11.5, "m/s", "speed of the cyclists, on pedelecs of up to 45 km/h"),
             FamilyParameter("every_s", 0.6, 1.0, "s", "time between two cyclists"),
@@ -287,7 +303,7 @@ FAMILIES = (
     ScenarioFamily(
         "two-queues",
         "CAVs of a minor street cross two standing queues through gaps; between the queues mopeds filter.",
-        (*OLD_TOWNS[:2], *_CROSSINGS),  # streets of corridors end at the main one
+        _STRAIGHT_PLACES,
         (
             SITE,
             name_number("own", 1.5, 3.4, "on the first approach"),
@@ -296,6 +312,7 @@ FAMILIES = (
             DUE,
             HEADWAY,
             *_STREAM,
+            _BEFORE,
             FamilyParameter("mast_m", -0.6, 0.6, "m", _BEHIND_STREAM),
             FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the mopeds"),
             FamilyParameter("every_s", 0.6, 0.8, "s", "time between two mopeds"),
