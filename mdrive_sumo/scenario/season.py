@@ -66,9 +66,11 @@ def check_one_season(command: str, suite_by_place: Mapping[str, str], remedy: st
     seasoned = [(place, name) for place, name in suite_by_place.items() if find_stored_season(name)]
     for place, name in seasoned[1:]:
         if find_stored_season(name) != find_stored_season(seasoned[0][1]):
+            first, other = (read_stored_name(one) for one in (seasoned[0][1], name))
+            is_one_suite = split_suite_name(first)[0] == split_suite_name(other)[0]
             raise InputError(
-                f"{command}: expected runs of one season, found {read_stored_name(seasoned[0][1])} in {seasoned[0][0]}"
-                f" and {read_stored_name(name)} in {place}; {remedy}"
+                f"{command}: expected runs of one {'season' if is_one_suite else 'suite and season'}, found {first} in"
+                f" {seasoned[0][0]} and {other} in {place}{f'; {remedy}' if is_one_suite else ''}"
             )
 
 

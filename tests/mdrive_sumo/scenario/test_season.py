@@ -19,6 +19,7 @@ from mdrive_sumo.scenario.packaged_suites import (
 from mdrive_sumo.scenario.season import (
     BENCHMARK_SUITES,
     SEASON_SUITES,
+    check_one_season,
     label_suite,
     read_stored_name,
     write_stored_name,
@@ -153,3 +154,11 @@ def test_people_read_the_season_also_of_season_0() -> None:
     assert label_suite("interaction", None) == "interaction@0"
     assert label_suite("interaction", 2) == "interaction@2"
     assert label_suite("mine", None) == "mine"
+
+
+def test_runs_of_several_seasons_are_named_with_what_to_do_and_of_several_suites_without() -> None:
+    check_one_season("report", {"a": "mdrive@1", "b": "mdrive@1", "c": "mine"}, "--mix")
+    with pytest.raises(InputError, match=r"report: expected runs of one season, found mdrive@1 in a .* in b; --mix$"):
+        check_one_season("report", {"a": "mdrive@1", "b": "mdrive@2"}, "--mix")
+    with pytest.raises(InputError, match=r"one suite and season, found mdrive@1 in a and hard@0 in b$"):
+        check_one_season("report", {"a": "mdrive@1", "b": "hard"}, "--mix")
