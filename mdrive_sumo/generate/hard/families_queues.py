@@ -186,12 +186,22 @@ def stage_filtering_cyclists(values: Values, seed: str, roads: RoadMap) -> Famil
     turns = find_left_turns(roads)
     if not turns:
         raise refuse_place(roads, "a left turn across an oncoming lane")
-    gap = find_gap(roads, choose_site(turns, values["site"]))
+    return _stage_at_kerb(values, seed, roads, choose_site(turns, values["site"]))
+
+
+def stage_cyclists_beyond(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
+    """Return CAVs that cross a main street through the gap of the queue on its far lane; cyclists pass behind it."""
+    conflict = max(_choose_crossing(roads, values).others, key=lambda one: one.own_m)
+    return _stage_at_kerb(values, seed, roads, conflict)
+
+
+def _stage_at_kerb(values: Values, seed: str, roads: RoadMap, conflict: JunctionConflict) -> FamilyScene:
+    """Return CAVs that cross a queue through its gap and then cyclists between the queue and the kerb."""
+    gap = find_gap(roads, conflict)
     column, riders = build_queue_stream(roads, gap, values, "bicycle", -FLANK_M)
     queue = build_queue(roads, gap, choose_models(values, seed), CAR.width / 2 + values["gap_m"], -FLANK_M)
-    return FamilyScene(
-        build_columns(roads, (column,)), (), (*queue, *riders), (build_mast_beyond(roads, column, values),)
-    )
+    egos = build_columns(roads, (column,))
+    return FamilyScene(egos, (), (*queue, *riders), (build_mast_beyond(roads, column, values),))
 
 
 def stage_two_queues(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
@@ -245,6 +255,12 @@ _MAST = FamilyParameter("mast_m", 1.0, 6.0, "m", _BEHIND_STREAM)
 _BEFORE = FamilyParameter("before_s", 0.8, 2.2, "s", "how much earlier than the first CAV the stream begins")
 _OWN = name_number("own", 2.0, 4.4, "in the column that has to cross")
 DUE = FamilyParameter("due_s", 3.5, 5.0, "s", "time after which the first CAV is due at the stream")
+_CYCLISTS = (
+    FamilyParameter("before_s", 0.2, 0.8, "s", _BEFORE.meaning),
+    _MAST,
+    FamilyParameter("speed", 8.0, 11.5, "m/s", "speed of the cyclists, on pedelecs of up to 45 km/h"),
+    FamilyParameter("every_s", 0.6, 1.0, "s", "time between two cyclists"),
+)
 _STRAIGHT_PLACES = (
     *OLD_TOWNS[:2],  # the streets of corridors end at the main one
     *(
@@ -293,12 +309,23 @@ FAMILIES = (
             DUE,
             HEADWAY,
             *_STREAM,
-            FamilyParameter("before_s", 0.2, 0.8, "s", _BEFORE.meaning),
-            _MAST,
-            FamilyParameter("speed", 8.0, 11.5, "m/s", "speed of the cyclists, on pedelecs of up to 45 km/h"),
-            FamilyParameter("every_s", 0.6, 1.0, "s", "time between two cyclists"),
+            *_CYCLISTS,
         ),
         stage_filtering_cyclists,
+    ),
+    ScenarioFamily(
+        "cyclists-beyond-queue",
+        "CAVs of a minor street cross the far lane of a main one through the gap of a queue; behind it come cyclists.",
+        (*CYCLE_PLACES[:3], _STRAIGHT_PLACES[0], _STRAIGHT_PLACES[-1]),
+        (
+            SITE,
+            _OWN,
+            DUE,
+            HEADWAY,
+            *_STREAM,
+            *_CYCLISTS,
+        ),
+        stage_cyclists_beyond,
     ),
     ScenarioFamily(
         "two-queues",
