@@ -14,7 +14,7 @@ from mdrive_sumo.generate.hard import families_rows
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
 from mdrive_sumo.generate.hard.junction_parameters import OLD_TOWNS
 from mdrive_sumo.generate.hard.sites.crossroads import find_crossroads
-from mdrive_sumo.generate.hard.sites.junction_conflicts import compute_seen_s, find_junction_conflicts
+from mdrive_sumo.generate.hard.sites.junction_conflicts import find_junction_conflicts
 from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, compute_timing, find_junction_ways
 from mdrive_sumo.generate.rejection import ProposalRejected
 from mdrive_sumo.roads import RoadMap, load_road_map
@@ -150,25 +150,6 @@ def test_who_gives_way_meets_who_has_priority(town: RoadMap) -> None:
             assert one.other.control == "priority-road"
         if site.far is not None:
             assert site.far.from_left != site.meeting.from_left
-
-
-def test_sight_ends_where_a_house_stands_between(town: RoadMap) -> None:
-    site = min(find_crossroads(town, ("yield",)), key=lambda one: one.seen_s)
-    one = site.meeting
-    assert site.seen_s == compute_seen_s(town, one)
-    spots: list[tuple[float, float]] = []
-    for way, station in ((one.own, one.own_m), (one.other, one.other_m)):
-        timing = compute_timing(town, way.lanes)
-        start_m = timing.find_start(station, site.seen_s)
-        assert timing.compute_between(start_m, station) == pytest.approx(site.seen_s, abs=0.02)
-        spots.append(build_route_line(town, way.lanes).curve.at(start_m))
-    line = shapely.LineString(spots)
-    assert any(house.intersects(line) for house in town.building_shapes)
-    near = [
-        build_route_line(town, way.lanes).curve.at(station - 4.0)
-        for way, station in ((one.own, one.own_m), (one.other, one.other_m))
-    ]
-    assert not any(house.intersects(shapely.LineString(near)) for house in town.building_shapes)
 
 
 def test_timing_keeps_limits_and_slows_down_in_bends(town: RoadMap) -> None:

@@ -9,10 +9,7 @@ from mdrive_sumo.contract.briefing import JunctionKind
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.generate.hard.sites.junction_conflicts import (
     JunctionConflict,
-    choose_site,
-    compute_seen_s,
     find_junction_conflicts,
-    refuse_place,
 )
 from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay
 from mdrive_sumo.roads import RoadMap
@@ -31,8 +28,6 @@ class Crossroads:
     """The way of the opposite approach, and the same one of the other street."""
     far: JunctionConflict | None
     """The way of that approach, and the other street's opposite one."""
-    seen_s: float
-    """How long before they meet the drivers of `meeting` see each other, at the limits."""
 
     @property
     def others(self) -> tuple[JunctionConflict, ...]:
@@ -62,28 +57,10 @@ def _build_crossroads(
         if one.own.control in controls and one.is_crossing:
             back = [x for x in crossings if x.other == one.other and are_opposite(roads, x.own, one.own)]
             far = [x for x in crossings if x.own == one.own and are_opposite(roads, x.other, one.other)]
-            yield Crossroads(one, back[0] if back else None, far[0] if far else None, compute_seen_s(roads, one))
+            yield Crossroads(one, back[0] if back else None, far[0] if far else None)
 
 
 def are_opposite(roads: RoadMap, one: JunctionWay, other: JunctionWay) -> bool:
     """Return whether two approaches face each other."""
     first, second = (roads.lanes[way.approach].centre for way in (one, other))
     return abs(wrap_angle(first.yaw_at(first.length) - second.yaw_at(second.length))) > OPPOSITE_RAD
-
-
-def choose_crossroads(
-    roads: RoadMap, share: float, controls: tuple[JunctionKind | None, ...], most_seen_s: float = math.inf
-) -> Crossroads:
-    """Return the crossroads at a share in [0, 1] of those that fit, the best hidden half of the place's; raise
-    ProposalRejected without any.
-
-    most_seen_s: of drivers on both ways, see `Crossroads.seen_s`.
-    """
-    found = sorted(find_crossroads(roads, controls), key=lambda one: one.seen_s)
-    sites = [one for one in found[: (len(found) + 1) // 2] if one.seen_s <= most_seen_s]
-    if not sites:
-        raise refuse_place(
-            roads,
-            f"streets that meet ({'/'.join(map(str, controls))}) and see each other at most {most_seen_s:g} s before",
-        )
-    return choose_site(sites, share)

@@ -1,4 +1,4 @@
-"""Pairs of ways that cross or join in a junction, who gives way, and how long before it drivers see each other."""
+"""Pairs of ways that cross or join in a junction, and who gives way."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,19 +7,15 @@ from itertools import groupby
 from typing import TypeVar
 
 import numpy as np
-import shapely
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Float, box_corners, wrap_angle
-from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, compute_timing, find_junction_ways
+from mdrive_sumo.core.geometry import Float, wrap_angle
+from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay, find_junction_ways
 from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.start_boxes import CAR
 from mdrive_sumo.worlds.placement.lane_chains import MEETING_M, build_route_line
 
 Site = TypeVar("Site")
-SIGHT_S, SIGHT_STEP_S = 6.0, 0.1
-"""[s] Sight is computed for that time before two vehicles meet, in such steps: a car of 50 km/h is then 83 m away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,40 +74,6 @@ def _comes_from_left(roads: RoadMap, own: JunctionWay, other: JunctionWay) -> bo
     yaws = [roads.lanes[way.approach].centre for way in (own, other)]
     begin, end = (line.yaw_at(line.length) for line in yaws)
     return wrap_angle(end - begin) < 0.0
-
-
-@lru_cache(maxsize=128)
-def _build_tree(roads: RoadMap) -> shapely.STRtree:
-    """Return the buildings of a place, and what else blocks sight there, as a tree."""
-    return shapely.STRtree(roads.building_shapes)
-
-
-def compute_seen_s(roads: RoadMap, conflict: JunctionConflict) -> float:
-    """Return how long [s] before they meet two cars that drive at the limits see each other without a break: any
-    corner or the centre of one from the centre of the other, past buildings; at most `SIGHT_S`."""
-    times = np.arange(0.0, SIGHT_S + SIGHT_STEP_S / 2, SIGHT_STEP_S)
-    eyes, _ = _locate(roads, conflict.own, conflict.own_m, times)
-    centres, yaws = _locate(roads, conflict.other, conflict.other_m, times)
-    corners = np.array(
-        [box_corners(x, y, yaw, CAR.length, CAR.width) for (x, y), yaw in zip(centres, yaws, strict=True)]
-    )
-    targets = np.concatenate((centres[None], corners.transpose(1, 0, 2)))
-    ends = np.stack((np.broadcast_to(eyes, targets.shape), targets), axis=2)
-    lines = np.asarray(shapely.linestrings(ends.reshape(-1, 2, 2)))
-    interrupted = np.zeros(len(lines), dtype=np.bool_)
-    interrupted[np.unique(_build_tree(roads).query(lines, predicate="intersects")[0])] = True
-    hidden = np.flatnonzero(interrupted.reshape(len(targets), -1).all(axis=0))
-    return float(times[hidden[0]]) if len(hidden) else SIGHT_S
-
-
-def _locate(roads: RoadMap, way: JunctionWay, station: float, before: Float) -> tuple[Float, Float]:
-    """Return the positions (N, 2) [m] and directions (N,) [rad] of a car at times [s] before it reaches a station."""
-    line, timing = build_route_line(roads, way.lanes), compute_timing(roads, way.lanes)
-    metres = np.arange(len(timing.time))
-    due = float(np.interp(station, metres, timing.time))
-    stations = np.interp(due - before, timing.time, metres)
-    xy = np.column_stack([np.interp(stations, np.arange(len(line.xy)), line.xy[:, k]) for k in (0, 1)])
-    return xy, np.interp(stations, np.arange(len(line.yaw)), line.yaw)
 
 
 def refuse_place(roads: RoadMap, what: str) -> ProposalRejected:
