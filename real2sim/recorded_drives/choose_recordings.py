@@ -17,7 +17,7 @@ SINGLE_RANGE = (76.0, 81.0)
 """Mean DS of `single`; with other seeds 75 to 92."""
 LEAST_GAIN = 13.0
 """Mean gain in DS of the sharing agents over `single`; with other seeds 2, and an interval above 0."""
-LEAST_LOSS = 6.0
+LEAST_LOSS = 7.0
 """Mean DS that `sharing` loses by the paper's latency; with other seeds an interval above 0."""
 LEAST_PLACES, MOST_SHARE = 24, 0.075
 """Places, and the greatest share of the scenarios at one of them."""

@@ -33,8 +33,8 @@ from real2sim.recorded_drives.convert_recording import (
 )
 from real2sim.recorded_drives.recording_site import draw_sites
 
-DRIVES_PER_SCENARIO = 7.0
-"""In two of five drives a CAV waits; of the others three of five are of use (trial draws at 18 places)."""
+DRIVES_PER_SCENARIO = 6.0
+"""In three of ten drives a CAV waits; of the others three of five are of use (trial draws at 18 places)."""
 LONE_SHARE = 0.15
 """Share of drives with one CAV, the others have two (paper: 1.80 on average): more of these are dropped."""
 LIMIT_S = 600.0

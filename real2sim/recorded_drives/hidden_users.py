@@ -37,7 +37,7 @@ SEEN_S = (0.0, 0.6)
 to brake so hard that it hits none (scenarios of a trial draw). Longer where the route is far from the edge."""
 EARLY_S = (-0.8, 0.5)
 """[s] How long before blind driving gets there they are in the middle of its lane: with less or more none is hit."""
-MOVES_S = (2.1, 2.9)
+MOVES_S = (2.0, 2.6)
 """[s] How long before blind driving gets there they set off: a driver who sees that stops from 8 m/s in 2 s, at the
 planners' 4 m/s2. One that is told of it late, or sees the road user come out from behind something, does not."""
 BEHIND_M = (0.8, 5.5)
