@@ -61,6 +61,7 @@ GROUPS = 3
 PARKED = ("semitrailer", "truck", "van", "car", "van")
 """What parks in a row, from the riders' line back: 45 m, past which there is no sight from where CAVs start."""
 BUSES = ("articulated-bus", "articulated-bus", "bus")
+"""What stands in the lane beside it instead."""
 MAST_M = 2.5
 """[m] A roadside unit stands so far to the left of the lane where it crosses the riders' line."""
 
@@ -240,6 +241,7 @@ _MAIN_PLACES = (
 _TWO_LANES = (
     _choose(area="town", control="priority", main_lanes=2),
     _choose(area="old_town", control="priority", main_lanes=2),
+    _choose(area="suburb", control="priority", main_lanes=2, speed_kmh=60),
 )
 _COUNTRY = (
     _choose(area="country", control="priority", speed_kmh=70),

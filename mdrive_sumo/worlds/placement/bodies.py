@@ -30,7 +30,8 @@ BODY_SIZES: Mapping[str, tuple[float, float]] = {
     "ambulance": (6.2, 2.1),
 }
 """Length and width [m] of vehicles by model; widths without mirrors. The ambulance is that of EN 1789, type C,
-rounded."""
+rounded; the articulated bus and the semitrailer with its tractor are nearly as long as allowed (StVZO 32: 18.75 and
+16.5 m)."""
 
 
 class Body(NamedTuple):
