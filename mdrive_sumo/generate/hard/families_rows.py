@@ -1,6 +1,7 @@
 """Families where CAVs turn left across a stream: a row of lorries that stand beside it hides it from them."""
 
 import random
+from collections.abc import Iterator
 from functools import lru_cache
 from itertools import chain
 
@@ -155,22 +156,28 @@ def _choose_street(area: str) -> PlaceChoice:
     return PlaceChoice("crossing", {**parameters, "beside": "parking", "keeps_sight": False})
 
 
+def _describe_stream(
+    share: tuple[float, float], pause_s: tuple[float, float], most_mast_m: float
+) -> Iterator[FamilyParameter]:
+    """Yield parameters of a stream with their bounds: who turns left is slow, so less time between pairs meets all."""
+    yield FamilyParameter("share", *share, "", "speed of the stream as a share of the limit")
+    yield FamilyParameter("pause_s", *pause_s, "s", "time from a pair of the stream to the next")
+    yield FamilyParameter(
+        "mast_m", 0.0, most_mast_m, "m", "from the stream to the mast: if it is near, each lorry hides the next one"
+    )
+
+
 _PARAMETERS = (
     SITE,
     FamilyParameter("due_s", 5.5, 7.0, "s", "time after which the first CAV is due at the conflict"),
     FamilyParameter("headway_s", 1.0, 1.8, "s", "time headway of the CAVs"),
-    FamilyParameter("share", 1.0, 1.3, "", "speed of the stream as a share of the limit"),
     FamilyParameter("gap_m", 0.3, 0.5, "m", "from the flanks of the lorries that stand to the stream"),
     FamilyParameter("side_m", 1.3, 2.2, "m", "from the first lorry to the middle of the CAVs' way"),
     FamilyParameter("standing", 4.0, 7.4, "", "number of lorries and buses that stand, rounded"),
     FamilyParameter("before_s", 2.5, 4.5, "s", "from the first vehicle of the stream to the first CAV"),
     FamilyParameter("lasts_s", 4.5, 6.5, "s", "from the first CAV to the last vehicle of the stream"),
     FamilyParameter("every_s", 1.3, 1.8, "s", "time between the two vehicles of a pair"),
-    FamilyParameter("pause_s", 2.6, 3.6, "s", "time from a pair of the stream to the next"),
     FamilyParameter("buses", 0.0, 1.0, "", "whether the stream is of buses (from 0.5 on) or of lorries"),
-    FamilyParameter(
-        "mast_m", 0.0, 1.2, "m", "from the stream to the mast: if it is near, each lorry hides the next one"
-    ),
 )
 TWO_LANES = (
     _choose_crossing("old_town", "priority", keeps_sight=False),
@@ -178,6 +185,7 @@ TWO_LANES = (
 )
 _FACING = (
     *_PARAMETERS,
+    *_describe_stream((1.0, 1.3), (2.6, 3.6), 1.2),
     name_number("own", 1.5, 3.4, "that turn left"),
     name_number("back", 0.6, 3.4, "that come from the other side and drive straight on"),
     FamilyParameter("back_s", -0.5, 1.0, "s", "how much later those are due"),
@@ -191,7 +199,11 @@ FAMILIES = (
             *(_choose_crossing(area, "signals", program="permitted") for area in ("town", "suburb", "commercial")),
             _choose_crossing("town", "priority"),
         ),
-        (*_PARAMETERS, name_number("own", 2.3, 4.4, "that turn left")),
+        (
+            *_PARAMETERS,
+            *_describe_stream((0.95, 1.1), (2.0, 2.7), 1.7),
+            name_number("own", 2.3, 4.4, "that turn left"),
+        ),
         stage_left_turn,
     ),
     ScenarioFamily(
