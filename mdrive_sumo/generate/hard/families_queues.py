@@ -42,6 +42,8 @@ CLEAR_M = CAR.width / 2 + 0.45
 """[m] No vehicle of a queue stands closer to the route, which may bend towards it: CAVs would drive around it."""
 QUEUE_GAP_M = 0.8
 """[m] Between vehicles that stand in a queue."""
+MAST_EVERY_M = 15.0
+"""[m] Between roadside units above a stream: of those who come one behind the other each sees the nearest two."""
 NUDGE_M = 0.1
 """[m] By which a vehicle is moved on until a CAV has room."""
 PASS_S = 2.2
@@ -224,7 +226,11 @@ def stage_two_queues(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
         for one, name in ((gap, "queue"), (beside, "beside"))
     ]
     egos = build_columns(roads, (column, back))
-    return FamilyScene(egos, (), (*queues[0], *queues[1], *riders), (build_mast_beyond(roads, column, values),))
+    masts = tuple(
+        build_mast(f"rsu{k}", compute_pose(roads, gap.lanes, gap.locate(middle_m)[1] - k * MAST_EVERY_M, middle_m))
+        for k in range(round(values["masts"]))
+    )
+    return FamilyScene(egos, (), (*queues[0], *queues[1], *riders), masts)
 
 
 def build_mast_beyond(roads: RoadMap, column: CavColumn, values: Values) -> RoadsideUnit:
@@ -250,8 +256,9 @@ _STREAM = (
     FamilyParameter("pause_s", 2.0, 4.0, "s", "pause before it comes again, besides the time that the CAVs need"),
     FamilyParameter("queue_m", 50.0, 90.0, "m", "length of the queue before the gap"),
 )
-_BEHIND_STREAM = "distance of a roadside unit behind the stream, above the way of the CAVs"
-_MAST = FamilyParameter("mast_m", 1.0, 6.0, "m", _BEHIND_STREAM)
+_MAST = FamilyParameter(
+    "mast_m", 1.0, 6.0, "m", "distance of a roadside unit behind the stream, above the way of the CAVs"
+)
 _BEFORE = FamilyParameter("before_s", 0.8, 2.2, "s", "how much earlier than the first CAV the stream begins")
 _OWN = name_number("own", 2.0, 4.4, "in the column that has to cross")
 DUE = FamilyParameter("due_s", 3.5, 5.0, "s", "time after which the first CAV is due at the stream")
@@ -340,7 +347,9 @@ FAMILIES = (
             HEADWAY,
             *_STREAM,
             _BEFORE,
-            FamilyParameter("mast_m", -0.6, 0.6, "m", _BEHIND_STREAM),
+            FamilyParameter(
+                "masts", 1.6, 4.4, "", "number of roadside units above the stream, from the gap on, rounded"
+            ),
             FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the mopeds"),
             FamilyParameter("every_s", 0.6, 0.8, "s", "time between two mopeds"),
         ),
