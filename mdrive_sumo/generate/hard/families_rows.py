@@ -157,11 +157,12 @@ def _choose_street(area: str) -> PlaceChoice:
 
 
 def _describe_stream(
-    share: tuple[float, float], pause_s: tuple[float, float], most_mast_m: float
+    share: tuple[float, float], pause_s: tuple[float, float], lasts_s: tuple[float, float], most_mast_m: float
 ) -> Iterator[FamilyParameter]:
     """Yield parameters of a stream with their bounds: who turns left is slow, so less time between pairs meets all."""
     yield FamilyParameter("share", *share, "", "speed of the stream as a share of the limit")
     yield FamilyParameter("pause_s", *pause_s, "s", "time from a pair of the stream to the next")
+    yield FamilyParameter("lasts_s", *lasts_s, "s", "from the first CAV to the last pair of the stream, roughly")
     yield FamilyParameter(
         "mast_m", 0.0, most_mast_m, "m", "from the stream to the mast: if it is near, each lorry hides the next one"
     )
@@ -175,7 +176,6 @@ _PARAMETERS = (
     FamilyParameter("side_m", 1.3, 2.2, "m", "from the first lorry to the middle of the CAVs' way"),
     FamilyParameter("standing", 4.0, 7.4, "", "number of lorries and buses that stand, rounded"),
     FamilyParameter("before_s", 2.5, 4.5, "s", "from the first vehicle of the stream to the first CAV"),
-    FamilyParameter("lasts_s", 4.5, 6.5, "s", "from the first CAV to the last vehicle of the stream"),
     FamilyParameter("every_s", 1.3, 1.8, "s", "time between the two vehicles of a pair"),
     FamilyParameter("buses", 0.0, 1.0, "", "whether the stream is of buses (from 0.5 on) or of lorries"),
 )
@@ -185,9 +185,9 @@ TWO_LANES = (
 )
 _FACING = (
     *_PARAMETERS,
-    *_describe_stream((1.0, 1.3), (2.6, 3.6), 1.2),
-    name_number("own", 1.5, 3.4, "that turn left"),
-    name_number("back", 0.6, 3.4, "that come from the other side and drive straight on"),
+    *_describe_stream((1.0, 1.3), (2.6, 3.4), (4.0, 5.5), 1.2),
+    name_number("own", 1.5, 2.4, "that turn left"),
+    name_number("back", 0.6, 2.4, "that come from the other side and drive straight on"),
     FamilyParameter("back_s", -0.5, 1.0, "s", "how much later those are due"),
     FamilyParameter("masts", 0.6, 2.4, "", "number of streams that a roadside unit sees, rounded"),
 )
@@ -201,7 +201,7 @@ FAMILIES = (
         ),
         (
             *_PARAMETERS,
-            *_describe_stream((0.95, 1.1), (2.0, 2.7), 1.7),
+            *_describe_stream((0.95, 1.1), (2.0, 2.7), (4.5, 6.5), 1.7),
             name_number("own", 2.3, 4.4, "that turn left"),
         ),
         stage_left_turn,
