@@ -152,7 +152,7 @@ def _hide(roads: RoadMap, one: JunctionConflict, values: Values, names: tuple[st
 
 _COLUMNS = (
     SITE,
-    FamilyParameter("back_s", -0.5, 1.0, "s", "how much later those of the other side are due"),
+    FamilyParameter("back_s", -0.5, 0.5, "s", "how much later those of the other side are due"),
     DUE,
     HEADWAY,
 )
@@ -207,11 +207,11 @@ FAMILIES = (
             FamilyParameter("side_m", 1.3, 1.8, "m", "from the first lorry to the middle of the CAVs' way"),
             FamilyParameter("behind_m", 0.3, 0.4, "m", "distance of the stream from the flanks of the lorries"),
             FamilyParameter("standing", 4.6, 7.4, "", "number of lorries and buses that stand, rounded"),
-            FamilyParameter("before_s", 2.0, 3.0, "s", "how much earlier than the first CAV the stream begins"),
+            FamilyParameter("before_s", 2.5, 3.2, "s", "how much earlier than the first CAV the stream begins"),
             FamilyParameter("flows_s", 5.2, 6.2, "s", "for how long after the first CAV is due it goes on"),
             FamilyParameter("pause_s", 5.0, 7.0, "s", "pause before it comes again, besides the CAVs' time"),
-            FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the motorcycles"),
-            FamilyParameter("every_s", 0.7, 0.9, "s", "time between two motorcycles"),
+            FamilyParameter("speed", 12.0, 14.0, "m/s", "speed of the motorcycles"),
+            FamilyParameter("every_s", 0.7, 0.82, "s", "time between two motorcycles"),
             FamilyParameter("mast_m", 1.0, 3.0, "m", "from the first stream to the roadside unit in the junction"),
         ),
         stage_facing_streets,
