@@ -34,7 +34,8 @@ from real2sim.recorded_drives.convert_recording import (
 from real2sim.recorded_drives.recording_site import draw_sites
 
 DRIVES_PER_SCENARIO = 6.0
-"""In three of ten drives a CAV waits; of the others three of five are of use (trial draws at 18 places)."""
+"""Of 152 drives of trials at 15 places 95 were recorded, in most others a CAV waits; of 81 conversions 53 were of use,
+with times of those who cross that were not yet the present ones."""
 LONE_SHARE = 0.15
 """Share of drives with one CAV, the others have two (paper: 1.80 on average): more of these are dropped."""
 LIMIT_S = 600.0
