@@ -57,6 +57,13 @@ class ReportEntry:
         """The reconstructed track, else the raw one."""
         return self.reconstructed or self.raw
 
+    def format_time_span(self, dt_s: float) -> str:
+        """Return when it is first and last seen, as the end of a phrase; "" if it never is."""
+        track = self.best_track
+        if track is None or not track.valid.any():
+            return ""
+        return f" from {track.valid_frames[0] * dt_s:.1f} s to {track.valid_frames[-1] * dt_s:.1f} s"
+
     @property
     def xy(self) -> Float:
         """Positions (N, 2) of both tracks where they are valid."""

@@ -16,7 +16,14 @@ from mdrive_sumo.scenario.packaged_suites import find_suite_folder
 from tools.tool_command import replace_changed_files
 
 MODULES = [f"tools.{module.name}" for module in pkgutil.iter_modules(tools.__path__)]
-PARTS = {"tools.docs_site", "tools.published_values", "tools.seed_runs", "tools.tool_command"}
+PARTS = {
+    "tools.aim_tables",
+    "tools.docs_site",
+    "tools.paper_values",
+    "tools.published_values",
+    "tools.seed_runs",
+    "tools.tool_command",
+}
 """Modules of tools that are no commands."""
 COMMANDS = sorted({*MODULES} - PARTS)
 WITHOUT_DRY_RUN = {
