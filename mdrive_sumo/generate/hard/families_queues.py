@@ -70,7 +70,7 @@ class QueueGap:
 
     def locate(self, offset_m: float) -> tuple[float, float]:
         """Return the stations [m] on the route and on the lanes at which the route is so far to the left of these."""
-        rows = self.crossing[np.argsort(self.crossing[:, 2])]
+        rows = self.crossing[np.argsort(self.crossing[:, 2], kind="stable")]
         own_m, lane_m = (float(np.interp(offset_m, rows[:, 2], rows[:, k])) for k in (0, 1))
         return own_m, lane_m
 
