@@ -12,15 +12,7 @@ OLD_TOWNS = (
 )
 SITE = FamilyParameter("site", 0.0, 1.0, "", "which of the crossings of the place")
 HEADWAY = FamilyParameter("headway_s", 0.8, 1.6, "s", "time headway in a column of CAVs")
-VAN = FamilyParameter("van", 0.0, 1.0, "", "whether hidden vehicles are vans (from 0.5 on)")
 
 
 def name_number(name: str, low: float, high: float, meaning: str) -> FamilyParameter:
     return FamilyParameter(name, low, high, "", f"number of CAVs {meaning}, rounded")
-
-
-HIDDEN = (
-    FamilyParameter("gap_s", -0.8, 0.8, "s", "how much later than the first CAV the hidden vehicle is due"),
-    FamilyParameter("share", 0.85, 1.1, "", "speed of hidden vehicles as a share of the limit"),
-    FamilyParameter("behind_s", 1.0, 2.2, "s", "how much later than a hidden vehicle the CAV behind it is due"),
-)

@@ -1,4 +1,4 @@
-"""Road users that are due at a place of a way at a given time: columns of CAVs, hidden vehicles, other traffic."""
+"""Columns of CAVs that are due at a place of a way at a given time."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,8 +12,6 @@ from mdrive_sumo.worlds.placement.lane_chains import Lanes, compute_chain_length
 
 RIM_M = 5.0
 """[m] Least distance of a vehicle's centre from the beginning of its lanes, and of a goal from their end."""
-MAST_M = 0.5
-"""[m] A roadside unit hangs this far from the conflict, above the junction."""
 GOAL_M = 45.0
 """[m] From the conflict to the goals: a CAV has left the junction and a wreck in it by then."""
 SLOW_MPS = 4.0
@@ -34,12 +32,6 @@ class CavColumn:
     """[s] After which the first one is due there."""
     headway_s: float
     """[s] From a rear bumper to the next front bumper."""
-    start_share: float = 1.0
-    """Speed at the start as a share of what road and bends allow there."""
-    goal_m: float = GOAL_M
-    """[m] From `at_m` to the goals."""
-    delay_s: float = 0.0
-    """[s] That each loses before it is there, e.g. at a stop sign."""
 
 
 def build_columns(roads: RoadMap, columns: Iterable[CavColumn]) -> tuple[Ego, ...]:
@@ -50,8 +42,8 @@ def build_columns(roads: RoadMap, columns: Iterable[CavColumn]) -> tuple[Ego, ..
     egos: list[Ego] = []
     for column in columns:
         timing = compute_timing(roads, column.lanes)
-        goal_m = min(column.at_m + column.goal_m, compute_chain_length(roads, column.lanes) - RIM_M)
-        first_s = max(column.due_s - column.delay_s, LEAST_LEAD_S)
+        goal_m = min(column.at_m + GOAL_M, compute_chain_length(roads, column.lanes) - RIM_M)
+        first_s = max(column.due_s, LEAST_LEAD_S)
         pitch_s = column.headway_s + CAR.length / max(timing.find_speed(column.at_m), SLOW_MPS)
         for k in range(column.count):
             lead_s = first_s + k * pitch_s
@@ -62,6 +54,6 @@ def build_columns(roads: RoadMap, columns: Iterable[CavColumn]) -> tuple[Ego, ..
                         f"lanes {column.lanes[0]}: expected room for a CAV {lead_s:.1f} s ahead, found none"
                     )
                 break
-            start_speed = timing.find_speed(start_m) * column.start_share
+            start_speed = timing.find_speed(start_m)
             egos.append(build_cav(roads, str(len(egos)), column.lanes, (start_m, goal_m), start_speed))
     return tuple(egos)

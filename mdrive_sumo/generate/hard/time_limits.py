@@ -11,6 +11,7 @@ LEAST_FACTOR, MOST_FACTOR = 1.15, 1.5
 """Bounds of the factor. Half of the time again lets a driver without privilege be cautious, but not wait until all
 others are gone. Below 1.15 `omniscient` itself is late with other seeds, which move the starts by up to a metre."""
 FACTOR_STEP = 0.05
+"""One second of a drive of 20 s."""
 LIMIT_EXTRA_S = 2.0
 """[s] One reaction, and rounding on short routes."""
 
