@@ -49,10 +49,13 @@ class OpenDrive:
         """Return an order, see `orders.make_order`. Raises InputError for a journal that cannot be read."""
         return make_order(self.tree, (take, parent, tick), mode, self.provenance)
 
-    def order_new_take(self, parent: int | None, tick: int, live: int | None) -> TakeOrder:
-        """Return the order to begin a new take. parent: the take that it branches from. live: that which goes on."""
+    def order_new_take(self, parent: int | None, tick: int) -> TakeOrder:
+        """Return the order to begin a new take. parent: the take that it branches from. Raises InputError.
+
+        A take without a tick of its own is no parent: its process may already be dropping it.
+        """
         take = self._last_take = max(self._last_take + 1, find_next_number(self.tree))
-        if parent is not None and parent == live:
+        if parent is not None:
             parent = find_driven(self.tree, parent, tick)
         order = self.make_order(take, parent, tick, TakeMode.DRIVE)
         is_run_entered = self.context.record is not None

@@ -211,7 +211,7 @@ class DriveSupervisor:
 
     def _begin(self, number: int, parent: int | None, tick: int) -> None:
         """Start the process of a new take. number: of the call that is answered when it is in its tick."""
-        order = self.drive.order_new_take(parent, tick, self._live.take if self._live is not None else None)
+        order = self.drive.order_new_take(parent, tick)
         self._starting = self._start(order, ChildRole.STARTING), number
 
     def _start(self, order: TakeOrder, role: ChildRole) -> Child:

@@ -144,6 +144,34 @@ def test_a_take_whose_process_is_killed_is_finished_from_its_journal(suite: Path
         verify(tree.find_folder(number))
 
 
+def test_going_back_to_a_take_that_is_just_being_dropped_is_going_back_to_its_parent(
+    suite: Path, tmp_path: Path
+) -> None:
+    """A take was left before its first tick, and its process, here a slow one, has not said so yet."""
+    folder = tmp_path / "drive"
+
+    async def drive(session: DriveSession) -> None:
+        process = session.process
+        await session.open(make_setup(folder, suite, checkpoint_s=0.0))
+        await session.drive_to(12)
+        assert await process.branch(1, 10) == 2
+        slow = [pid for pid in list_group(session.group) if pid != session.group]
+        for pid in slow:
+            os.kill(pid, signal.SIGSTOP)
+        assert await process.branch(1, 8) == 3
+        assert await process.branch(2, 10) == 4
+        for pid in slow:
+            os.kill(pid, signal.SIGCONT)
+        await session.wait_for(lambda: 2 not in process.tree.takes and session.frames[-1].take == 4)
+        await session.drive_to(15)
+        await session.close()
+
+    run_drive(drive)
+    tree = load_tree(folder)
+    assert {number: (take.parent, take.tick) for number, take in tree.takes.items()} == {1: (None, 0), 4: (1, 10)}
+    verify(tree.find_folder(4))
+
+
 def test_many_takes_that_wait_are_no_processes_and_are_finished_all_the_same(suite: Path, tmp_path: Path) -> None:
     folder, count = tmp_path / "drive", MAX_LEFT + 8
 
