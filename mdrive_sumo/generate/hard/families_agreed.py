@@ -1,219 +1,181 @@
-"""Families where CAVs of two sides wait for one pause of a hidden stream, and meet in it: they need an order."""
+"""Families where CAVs of all four streets of a crossing wait for one pause of hidden riders, and meet in it.
 
-import random
-from collections.abc import Iterator
-from functools import lru_cache
+Each has the next one at its right, so none goes first by rule: CAVs that only see each other hesitate, lose the pause
+and are late, or meet. With an agreed order they all pass.
+"""
 
+from collections.abc import Iterator, Sequence
+from functools import lru_cache, partial
+from itertools import combinations, groupby, product
+
+import shapely
+
+from mdrive_sumo.contract.briefing import JunctionKind
 from mdrive_sumo.generate.drawn_places import PlaceChoice
-from mdrive_sumo.generate.hard.families_queues import (
-    CYCLE_PLACES,
-    DUE,
-    FLANK_M,
-    HIGH,
-    PASS_S,
-    build_mast_beyond,
-    build_queue,
-    build_queue_stream,
-    choose_models,
-    find_gap,
-    find_left_turns,
-)
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
-from mdrive_sumo.generate.hard.junction_parameters import HEADWAY, OLD_TOWNS, SITE, name_number
+from mdrive_sumo.generate.hard.junction_parameters import SITE, name_number
 from mdrive_sumo.generate.hard.junction_users import CavColumn, build_columns
+from mdrive_sumo.generate.hard.riders import (
+    PARKED,
+    RiderCrossing,
+    RiderKind,
+    build_hidden_riders,
+    build_rider_mast,
+    find_rider_crossing,
+)
 from mdrive_sumo.generate.hard.sites.crossroads import are_opposite
-from mdrive_sumo.generate.hard.sites.junction_conflicts import (
-    JunctionConflict,
-    choose_site,
-    find_junction_conflicts,
-    refuse_place,
-)
-from mdrive_sumo.generate.hard.standing_rows import build_row
-from mdrive_sumo.generate.hard.streams import RoadUserStream, build_stream
+from mdrive_sumo.generate.hard.sites.junction_conflicts import choose_site, refuse_place
+from mdrive_sumo.generate.hard.sites.rider_sites import RiderSite, find_crossing_sites
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.scenario.start_boxes import CAR
-from mdrive_sumo.worlds.placement.bodies import BODIES, build_mast
-from mdrive_sumo.worlds.placement.lane_chains import compute_pose
+from mdrive_sumo.worlds.placement.lane_chains import build_route_line
 
-ROW_GAP_M = 1.0
-"""[m] Between vehicles of a row."""
-LANE_FLANK_M = 1.6
-"""[m] From the middle of the left lane to the flanks of those that stand in the right one, which use all of it."""
+ARMS = 4
+"""Streets of a crossing: CAVs come from each."""
+SHIFTS = 8
+"""Parts of the time between two riders by which the streams are shifted: at corners they pass through each other."""
+CONTROLS: tuple[JunctionKind, ...] = ("right-before-left", "priority-road", "yield", "stop")
+"""Of the streets: at all-way stops CAVs come one after the other, so there is little to agree on."""
 
-Merge = tuple[JunctionConflict, JunctionConflict]
-"""A left turn and a way straight on into the same street, with the way that both cross."""
-
-
-@lru_cache(maxsize=128)
-def find_merges(roads: RoadMap) -> tuple[Merge, ...]:
-    """Return the left turns across oncoming traffic into a street to which others come straight from opposite."""
-    return tuple(pair for turn in find_left_turns(roads) for pair in _pair_turn(roads, turn))
-
-
-def _pair_turn(roads: RoadMap, turn: JunctionConflict) -> Iterator[Merge]:
-    for one in find_junction_conflicts(roads):
-        if (
-            one.other == turn.other
-            and one.own.turn == "straight"
-            and not are_opposite(roads, one.own, one.other)
-            and set(one.own.lanes[one.own.index + 1 :]) & set(turn.own.lanes[turn.own.index + 1 :])
-        ):
-            yield turn, one
-
-
-def stage_merge_behind_queue(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
-    """Return CAVs that turn left through the gap of the oncoming queue, and others that cross the main street through
-    the same gap into the same street; past the far flank of the queue pedelecs come."""
-    merges = find_merges(roads)
-    if not merges:
-        raise refuse_place(roads, "a left turn and a way straight on into the same street")
-    turn, straight = choose_site(merges, values["site"])
-    gap, beside = find_gap(roads, turn), find_gap(roads, straight)
-    own, back = round(values["own"]), round(values["back"])
-    pause_s = values["pause_s"] + (own + back - max(own, back)) * PASS_S
-    column, riders = build_queue_stream(roads, gap, {**values, "pause_s": pause_s}, "bicycle", -FLANK_M)
-    offset = -(FLANK_M + values["behind_m"] + BODIES["bicycle"].width / 2)
-    due_s = values["due_s"] + values["back_s"]
-    other = CavColumn(beside.own, beside.locate(offset)[0], back, due_s, values["headway_s"])
-    free_m = CAR.width / 2 + values["gap_m"]
-    queue = build_queue(roads, gap, choose_models(values, seed), free_m, -FLANK_M, also=beside.own)
-    egos = build_columns(roads, (column, other))
-    return FamilyScene(egos, (), (*queue, *riders), (build_mast_beyond(roads, column, values),))
+FourSites = tuple[RiderSite, ...]
+"""One for each approach of a crossing."""
 
 
 @lru_cache(maxsize=128)
-def find_facing(roads: RoadMap) -> tuple[Merge, ...]:
-    """Return the left turns out of minor streets across the left one of two lanes, each with a way out of the facing
-    street that crosses it, and with the lanes that these ways cross first."""
-    conflicts = find_junction_conflicts(roads)
-    crossed = {(one.own, one.other) for one in conflicts if one.is_crossing}
-    ways = [one for one in conflicts if one.own.turn != "right" and _passes_row(roads, one)]
+def find_four_sites(roads: RoadMap) -> tuple[FourSites, ...]:
+    """Return the crossings of four streets of one lane, by the sites at which riders cross each of them: each crossing
+    twice, first with those of one street before those of the other."""
+    sites = sorted(find_crossing_sites(roads, CONTROLS, beside_lane=False), key=lambda one: one.way.junction)
+    crossings = [tuple(group) for _, group in groupby(sites, key=lambda one: one.way.junction)]
     return tuple(
-        (one, back)
-        for one in ways
-        for back in ways
-        if one.own.turn == "left" and are_opposite(roads, one.own, back.own) and (one.own, back.own) in crossed
+        (*ahead, *(one for one in crossing if one not in ahead))
+        for crossing in crossings
+        if len(crossing) == ARMS
+        for ahead in _list_streets(roads, crossing)
+        if len(ahead) == ARMS // 2
     )
 
 
-def _passes_row(roads: RoadMap, one: JunctionConflict) -> bool:
-    """Return whether a way that must give way crosses the left one of two lanes, which comes from the left."""
-    lane = roads.lanes[one.other.approach]
-    return (
-        one.own.control in ("yield", "stop")
-        and one.other.turn == "straight"
-        and one.from_left
-        and not are_opposite(roads, one.own, one.other)
-        and bool(lane.right)
-        and not lane.left
-    )
+def _list_streets(roads: RoadMap, crossing: FourSites) -> Iterator[FourSites]:
+    """Yield the sites of each of the two streets that cross."""
+    first = tuple(one for one in crossing if one is crossing[0] or are_opposite(roads, one.way, crossing[0].way))
+    yield first
+    yield tuple(one for one in crossing if one not in first)
 
 
-def stage_facing_streets(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
-    """Return CAVs of two minor streets that face each other, whose ways cross; before each stands a row of lorries in
-    the first lane of the main street, past which motorcycles filter."""
-    pairs = find_facing(roads)
-    if not pairs:
-        raise refuse_place(roads, "ways out of facing streets that cross each other and two lanes of a direction")
-    pair = choose_site(pairs, values["site"])
-    due = (values["due_s"], values["due_s"] + values["back_s"])
-    columns = [
-        CavColumn(one.own.lanes, one.own_m, round(values[name]), due_s, values["headway_s"])
-        for one, name, due_s in zip(pair, ("own", "back"), due, strict=True)
-    ]
-    egos = build_columns(roads, columns)
+def stage_four_streets(kind: RiderKind, values: Values, seed: str, roads: RoadMap) -> FamilyScene:
+    """Return CAVs that drive straight on from all streets of a crossing, each across a stream of riders before it."""
+    del seed
+    crossings_of_place = find_four_sites(roads)
+    if not crossings_of_place:
+        raise refuse_place(roads, "a crossing of four streets of one lane")
+    sites = choose_site(crossings_of_place, values["site"])
+    crossings = [find_rider_crossing(roads, site, values) for site in sites]
+    lines = shapely.MultiLineString([crossing.strip.line for crossing in crossings])
+    shifts = find_shifts(roads, crossings, values["riding"], values["every_s"])
     actors = [
-        actor for one, end in zip(pair, ("", "-back"), strict=True) for actor in _hide(roads, one, values, (seed, end))
+        actor
+        for k, (crossing, later_s) in enumerate(zip(crossings, shifts, strict=True))
+        for actor in build_hidden_riders(roads, kind, crossing, values, (k, lines), later_s)
     ]
-    mast = build_mast("rsu", compute_pose(roads, pair[0].other.lanes, pair[0].other_m, values["mast_m"]))
-    return FamilyScene(egos, (), tuple(actors), (mast,))
+    masts = tuple(build_rider_mast(roads, crossing, k) for k, crossing in enumerate(crossings))
+    columns = [
+        CavColumn(one.way.lanes, one.own_m, round(values[name]), values["due_s"], values["headway_s"])
+        for one, name in zip(crossings, ("own", "own", "across", "across"), strict=True)
+    ]
+    return FamilyScene(build_columns(roads, columns), (), tuple(actors), masts)
 
 
-def _hide(roads: RoadMap, one: JunctionConflict, values: Values, names: tuple[str, str]) -> tuple[Actor, ...]:
-    """Return a row and a stream that it hides. names: the seed, and the end of their ids."""
-    seed, end = names
-    models = random.Random(f"{seed}/row{end}").choices(HIGH, k=round(values["standing"]))
-    row = build_row(roads, one, -LANE_FLANK_M, values["side_m"], (models, ROW_GAP_M))
-    stream = RoadUserStream(
-        one.other.lanes,
-        one.other_m,
-        values["behind_m"] + BODIES["motorcycle"].width / 2 - LANE_FLANK_M,
-        "motorcycle",
-        values["speed"],
-        values["due_s"] - values["before_s"],
-        values["every_s"],
-        round((values["before_s"] + values["flows_s"]) / values["every_s"]),
-        values["pause_s"] + (round(values["own"]) + round(values["back"])) * PASS_S,
+def find_shifts(roads: RoadMap, crossings: Sequence[RiderCrossing], speed: float, every_s: float) -> tuple[float, ...]:
+    """Return by how much later [s] each stream comes so that at the corners riders of one pass between those of another
+    one, as far from them as possible."""
+    lags = [
+        (i, j, _find_due_s(roads, one, point, speed) - _find_due_s(roads, other, point, speed))
+        for (i, one), (j, other) in combinations(enumerate(crossings), 2)
+        for point in _find_corners(one, other)
+    ]
+
+    def find_least(shifts: Sequence[float]) -> float:
+        apart = [(lag + shifts[i] - shifts[j]) % every_s for i, j, lag in lags]
+        return min((min(one, every_s - one) for one in apart), default=every_s)
+
+    choices = [tuple(k * every_s / SHIFTS for k in range(SHIFTS))] * (len(crossings) - 1)
+    return max(((0.0, *shifts) for shifts in product(*choices)), key=find_least)
+
+
+def _find_corners(one: RiderCrossing, other: RiderCrossing) -> tuple[shapely.Point, ...]:
+    met = one.strip.line.intersection(other.strip.line)
+    return tuple(part for part in shapely.get_parts(met) if isinstance(part, shapely.Point))
+
+
+def _find_due_s(roads: RoadMap, crossing: RiderCrossing, point: shapely.Point, speed: float) -> float:
+    """Return how much later than at the way [s] riders are at a point."""
+    along = build_route_line(roads, crossing.strip.lanes).curve
+    return (along.project(point.x, point.y)[0] - crossing.at_m) / speed
+
+
+def _choose(**parameters: str | int | float | bool) -> PlaceChoice:
+    fixed = {"arms": ARMS, "keeps_sight": False, "main_lanes": 1, "skew_deg": 0.0, "bend": 0.0}
+    return PlaceChoice("crossing", {**fixed, **parameters})
+
+
+def _name_parameters(riding: tuple[float, float], every_s: tuple[float, float]) -> tuple[FamilyParameter, ...]:
+    return (
+        SITE,
+        name_number("own", 1.6, 3.2, "in each direction of the first street"),
+        name_number("across", 0.6, 1.6, "in each direction of the other street"),
+        FamilyParameter("due_s", 3.0, 4.0, "s", "time after which the first CAVs are due at the riders' lines"),
+        FamilyParameter("headway_s", 1.1, 1.7, "s", "time headway in a column of CAVs"),
+        FamilyParameter("riding", *riding, "m/s", "speed of the riders"),
+        FamilyParameter("before_s", 1.4, 2.2, "s", "how much earlier than the first CAVs the first riders are due"),
+        FamilyParameter("every_s", *every_s, "s", "time between two riders"),
+        FamilyParameter("lasts_s", 6.0, 8.5, "s", "how long a group of riders takes to pass"),
+        FamilyParameter("pause_s", 10.5, 13.0, "s", "pause between two groups"),
+        FamilyParameter("wall_m", 3.75, 4.05, "m", "from the edge of the lanes to the riders, behind what parks"),
+        FamilyParameter("free_m", 0.3, 0.4, "m", "distance of what parks from the riders"),
+        FamilyParameter("side_m", 1.75, 2.0, "m", "its distance from the middle of the CAVs' way"),
     )
-    row = tuple(actor.model_copy(update={"id": f"{actor.id}{end}"}) for actor in row)
-    return (*row, *build_stream(roads, f"motorcycle{end}", stream))
 
 
-_COLUMNS = (
-    SITE,
-    FamilyParameter("back_s", -0.5, 0.5, "s", "how much later those of the other side are due"),
-    DUE,
-    HEADWAY,
-)
-_CYCLISTS = (
-    FamilyParameter("gap_m", 0.5, 0.6, "m", "distance of the queue from the side of a CAV in its gap"),
-    FamilyParameter("behind_m", 0.3, 0.4, "m", "distance of the stream from the flanks of the queue"),
-    FamilyParameter("before_s", 2.0, 3.0, "s", "how much earlier than the first CAV the stream begins"),
-    FamilyParameter("flows_s", 6.5, 8.5, "s", "for how long after the first CAV is due it goes on"),
-    FamilyParameter("pause_s", 3.5, 5.5, "s", "pause before it comes again, besides the time that the CAVs need"),
-    FamilyParameter(
-        "mast_m", 0.0, 6.0, "m", "distance of a roadside unit behind the stream, above the way of the CAVs"
-    ),
-    FamilyParameter("queue_m", 50.0, 90.0, "m", "length of the queue before the gap"),
-    FamilyParameter("speed", 8.0, 9.0, "m/s", "speed of the cyclists, on pedelecs"),
-    FamilyParameter("every_s", 0.65, 0.8, "s", "time between two cyclists"),
-)
+_PEDELECS = _name_parameters((8.3, 9.5), (0.9, 1.2))
+_SCOOTERS = _name_parameters((5.6, 7.0), (1.0, 1.3))
 FAMILIES = (
     ScenarioFamily(
-        "merge-behind-queue",
-        "CAVs turn left through the gap of the oncoming queue, others cross it into the same street; behind it come"
-        " cyclists.",
-        (*CYCLE_PLACES[:3], *OLD_TOWNS[:2]),  # streets of corridors end at the main one
+        "four-streets",
+        "CAVs of all four streets of a crossing with priority to the right wait for the pause of pedelecs on the cycle"
+        " tracks, which parked lorries hide; then each has another one at its right.",
         (
-            *_COLUMNS,
-            name_number("own", 2.5, 4.4, "that turn left"),
-            name_number("back", 1.6, 3.0, "that drive straight on"),
-            *_CYCLISTS,
+            *(
+                _choose(area=area, control="right_before_left", speed_kmh=50, beside="parking")
+                for area in ("town", "suburb")
+            ),
+            _choose(area="town", control="right_before_left", speed_kmh=50, beside="cycle_lanes"),
         ),
-        stage_merge_behind_queue,
+        _PEDELECS,
+        partial(stage_four_streets, RiderKind("bicycle", PARKED, CONTROLS)),
     ),
     ScenarioFamily(
-        "facing-streets",
-        "CAVs of two minor streets whose ways cross wait until motorcycles have passed, which standing lorries hide.",
+        "main-and-side-streets",
+        "CAVs of all four streets of a crossing, one of which has priority, wait for the pause of pedelecs on the cycle"
+        " tracks, which parked lorries hide; then they all meet.",
         tuple(
-            PlaceChoice(
-                "crossing",
-                {
-                    "area": area,
-                    "arms": 4,
-                    "control": control,
-                    "main_lanes": 2,
-                    "speed_kmh": 50,
-                    "turn_lanes": False,
-                },
-            )
-            for area, control in (("town", "priority"), ("old_town", "priority"), ("suburb", "priority"))
+            _choose(area=area, control=control, speed_kmh=50, beside="parking")
+            for area, control in (("town", "priority"), ("town", "stop"), ("suburb", "priority"), ("suburb", "stop"))
         ),
+        _PEDELECS,
+        partial(stage_four_streets, RiderKind("bicycle", PARKED, CONTROLS)),
+    ),
+    ScenarioFamily(
+        "quiet-crossing",
+        "CAVs of all four streets of a quiet crossing wait for the pause of e-scooters on the cycle tracks, which"
+        " parked lorries hide; then each has another one at its right.",
         (
-            *_COLUMNS,
-            name_number("own", 1.6, 2.6, "that turn left"),
-            name_number("back", 1.8, 3.2, "of the facing street"),
-            FamilyParameter("side_m", 1.3, 1.8, "m", "from the first lorry to the middle of the CAVs' way"),
-            FamilyParameter("behind_m", 0.3, 0.4, "m", "distance of the stream from the flanks of the lorries"),
-            FamilyParameter("standing", 4.6, 7.4, "", "number of lorries and buses that stand, rounded"),
-            FamilyParameter("before_s", 2.5, 3.2, "s", "how much earlier than the first CAV the stream begins"),
-            FamilyParameter("flows_s", 5.2, 6.2, "s", "for how long after the first CAV is due it goes on"),
-            FamilyParameter("pause_s", 5.0, 7.0, "s", "pause before it comes again, besides the CAVs' time"),
-            FamilyParameter("speed", 12.0, 14.0, "m/s", "speed of the motorcycles"),
-            FamilyParameter("every_s", 0.7, 0.82, "s", "time between two motorcycles"),
-            FamilyParameter("mast_m", 1.0, 3.0, "m", "from the first stream to the roadside unit in the junction"),
+            PlaceChoice(
+                "town_block", {"area": "town", "control": "right_before_left", "rows": 2, "keeps_sight": False}
+            ),
+            _choose(area="town", control="right_before_left", speed_kmh=30, beside="parking"),
+            _choose(area="suburb", control="right_before_left", speed_kmh=30, beside="parking"),
         ),
-        stage_facing_streets,
+        _SCOOTERS,
+        partial(stage_four_streets, RiderKind("e-scooter", PARKED, CONTROLS)),
     ),
 )

@@ -1,4 +1,4 @@
-"""Families where CAVs turn left across a stream: a row of lorries that stand beside it hides it from them."""
+"""Families where CAVs cross a stream: a row of lorries that stand beside it hides it from them."""
 
 import random
 from collections.abc import Iterator
@@ -179,10 +179,6 @@ _PARAMETERS = (
     FamilyParameter("every_s", 1.3, 1.8, "s", "time between the two vehicles of a pair"),
     FamilyParameter("buses", 0.0, 1.0, "", "whether the stream is of buses (from 0.5 on) or of lorries"),
 )
-TWO_LANES = (
-    _choose_crossing("old_town", "priority", keeps_sight=False),
-    *(_choose_crossing(area, "priority") for area in ("town", "suburb", "commercial")),
-)
 _FACING = (
     *_PARAMETERS,
     *_describe_stream((1.0, 1.3), (2.6, 3.4), (4.0, 5.5), 1.2),
@@ -205,13 +201,6 @@ FAMILIES = (
             name_number("own", 2.3, 4.4, "that turn left"),
         ),
         stage_left_turn,
-    ),
-    ScenarioFamily(
-        "both-sides",
-        "CAVs of two minor streets cross a main one: lorries stand in its right lanes and hide those that pass them.",
-        TWO_LANES,
-        _FACING,
-        stage_facing_streets,
     ),
     ScenarioFamily(
         "parked-rows",

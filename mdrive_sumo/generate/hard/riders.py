@@ -26,6 +26,7 @@ from mdrive_sumo.generate.hard.sites.rider_sites import (
 )
 from mdrive_sumo.generate.hard.streams import RoadUserStream, build_stream
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.scenario import RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.start_boxes import build_user_box
 from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_mast, build_parked_vehicle
@@ -81,7 +82,7 @@ class RiderKind:
 
 
 @dataclass(frozen=True, slots=True)
-class _Crossing:
+class RiderCrossing:
     """A way across a strip."""
 
     way: JunctionWay
@@ -100,31 +101,28 @@ def stage_riders(kind: RiderKind, values: Values, seed: str, roads: RoadMap) -> 
         raise refuse_place(roads, "an approach to a street with traffic both ways")
     site = choose_site(sites, values["site"])
     opposite = find_opposite(roads, site, sites)
-    crossings = [_find_crossing(roads, one, values) for one in (site, opposite) if one is not None]
-    actors: list[Actor] = []
-    for k, crossing in enumerate(crossings):
-        actors += _build_riders(roads, kind, crossing, values, f"rider{k}_")
-        row = list(_build_row(roads, kind, crossing, values, f"parked{k}_"))
-        if not row or build_user_box(row[0]).distance(crossing.strip.line) > MOST_GAP_M:
-            raise NoRoomError(f"network {roads.name}: expected room for a row up to the riders' line, found none")
-        actors += row
+    crossings = [find_rider_crossing(roads, one, values) for one in (site, opposite) if one is not None]
+    actors = [
+        actor
+        for k, crossing in enumerate(crossings)
+        for actor in build_hidden_riders(roads, kind, crossing, values, (k, crossing.strip.line))
+    ]
     masts = tuple(
-        build_mast(f"rsu{k}", compute_pose(roads, one.way.lanes, one.own_m, MAST_M))
-        for k, one in enumerate(crossings)
-        if values[("mast", "mast_back")[k]] >= 0.5
+        build_rider_mast(roads, one, k) for k, one in enumerate(crossings) if values[("mast", "mast_back")[k]] >= 0.5
     )
     return FamilyScene(build_columns(roads, _list_columns(crossings, values)), (), tuple(actors), masts)
 
 
-def _find_crossing(roads: RoadMap, site: RiderSite, values: Values) -> _Crossing:
+def find_rider_crossing(roads: RoadMap, site: RiderSite, values: Values) -> RiderCrossing:
+    """Return where a way crosses the line of riders, `wall_m` beside the street. Raises NoRoomError."""
     strip = RiderStrip(roads, site.lanes, site.edge_m + values["wall_m"])
     met = strip.find_met(site.way)
     if met is None:
         raise NoRoomError(f"network {roads.name}: expected a way across the riders' line, found none")
-    return _Crossing(site.way, strip, *met)
+    return RiderCrossing(site.way, strip, *met)
 
 
-def _list_columns(crossings: Sequence[_Crossing], values: Values) -> list[CavColumn]:
+def _list_columns(crossings: Sequence[RiderCrossing], values: Values) -> list[CavColumn]:
     """Return the column of the first way, and that of the second one, if there is one."""
     numbers = (round(values["own"]), round(values["back"]))
     due_s = (values["due_s"], values["due_s"] + values["back_s"])
@@ -135,21 +133,45 @@ def _list_columns(crossings: Sequence[_Crossing], values: Values) -> list[CavCol
     ]
 
 
-def _build_riders(roads: RoadMap, kind: RiderKind, crossing: _Crossing, values: Values, name: str) -> tuple[Actor, ...]:
-    stream = RoadUserStream(
+def build_rider_mast(roads: RoadMap, crossing: RiderCrossing, number: int) -> RoadsideUnit:
+    """Return a roadside unit where a way crosses the riders' line."""
+    return build_mast(f"rsu{number}", compute_pose(roads, crossing.way.lanes, crossing.own_m, MAST_M))
+
+
+def build_hidden_riders(
+    roads: RoadMap,
+    kind: RiderKind,
+    crossing: RiderCrossing,
+    values: Values,
+    place: tuple[int, shapely.LineString | shapely.MultiLineString],
+    later_s: float = 0.0,
+) -> tuple[Actor, ...]:
+    """Return the riders that a way crosses, `later_s` later than the values say, and the row that hides them.
+
+    place: number of the way, and the lines of all riders, which stay free. Raises NoRoomError.
+    """
+    number, lines = place
+    stream = _describe_stream(kind, crossing, values, later_s)
+    row = tuple(_build_row(roads, kind, crossing, values, (f"parked{number}_", lines)))
+    if not row or build_user_box(row[0]).distance(crossing.strip.line) > MOST_GAP_M:
+        raise NoRoomError(f"network {roads.name}: expected room for a row up to the riders' line, found none")
+    return (*build_stream(roads, f"rider{number}_", stream), *row)
+
+
+def _describe_stream(kind: RiderKind, crossing: RiderCrossing, values: Values, later_s: float) -> RoadUserStream:
+    return RoadUserStream(
         crossing.strip.lanes,
         crossing.at_m,
         crossing.strip.offset,
         kind.rider,
         round(values["riding"], 2),
-        values["due_s"] - values["before_s"],
+        values["due_s"] - values["before_s"] + later_s,
         values["every_s"],
         round(values["lasts_s"] / values["every_s"]) + 1,
         values["pause_s"],
         GROUPS,
         max(crossing.at_m - STREAM_M, 0.0),
     )
-    return build_stream(roads, name, stream)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +179,7 @@ class _Room:
     """What a row keeps clear of."""
 
     roads: RoadMap
-    line: shapely.LineString
+    lines: shapely.LineString | shapely.MultiLineString
     """Of the riders."""
     rider_m: float
     path: shapely.LineString
@@ -167,16 +189,23 @@ class _Room:
     def is_free(self, box: shapely.Polygon, slack_m: float) -> bool:
         """Return whether a box stands in no building, and clear of riders, up to `slack_m` [m], and CAVs."""
         return (
-            box.distance(self.line) >= self.rider_m - slack_m
+            box.distance(self.lines) >= self.rider_m - slack_m
             and box.distance(self.path) >= self.side_m - BEND_M
             and not overlaps_building(box, self.roads)
         )
 
 
-def _build_row(roads: RoadMap, kind: RiderKind, crossing: _Crossing, values: Values, name: str) -> Iterator[Actor]:
-    """Yield what stands beside a way, up to the riders' line."""
+def _build_row(
+    roads: RoadMap,
+    kind: RiderKind,
+    crossing: RiderCrossing,
+    values: Values,
+    what: tuple[str, shapely.LineString | shapely.MultiLineString],
+) -> Iterator[Actor]:
+    """Yield what stands beside a way, up to the riders' line; what: begin of the ids, lines to keep free."""
+    name, lines = what
     rider_m, side_m = BODIES[kind.rider].width / 2 + values["free_m"], values["side_m"]
-    room = _Room(roads, crossing.strip.line, rider_m, _build_path(roads, crossing), side_m)
+    room = _Room(roads, lines, rider_m, _build_path(roads, crossing), side_m)
     front_m, begin_m = crossing.own_m + BEYOND_M, _find_begin(roads, crossing.way)
     last = shapely.Polygon()
     for k, model in enumerate(kind.row):
@@ -208,7 +237,7 @@ def _list_places(roads: RoadMap, lanes: Lanes, place: tuple[float, float], who: 
         yield build_parked_vehicle(*who, pose, mirrored=False)
 
 
-def _build_path(roads: RoadMap, crossing: _Crossing) -> shapely.LineString:
+def _build_path(roads: RoadMap, crossing: RiderCrossing) -> shapely.LineString:
     """Return the line of a way around the place where it crosses the riders' line."""
     stations = np.arange(max(crossing.own_m - PATH_M[0], 0.0), crossing.own_m + PATH_M[1])
     return build_pose_line([compute_pose(roads, crossing.way.lanes, one) for one in stations.tolist()])
