@@ -121,7 +121,7 @@ def _choose(**parameters: str | int | float | bool) -> PlaceChoice:
 def _name_parameters(riding: tuple[float, float], every_s: tuple[float, float]) -> tuple[FamilyParameter, ...]:
     return (
         SITE,
-        name_number("own", 1.6, 3.2, "in each direction of the first street"),
+        name_number("own", 1.6, 2.6, "in each direction of the first street"),
         name_number("across", 0.6, 1.6, "in each direction of the other street"),
         FamilyParameter("due_s", 3.0, 4.0, "s", "time after which the first CAVs are due at the riders' lines"),
         FamilyParameter("headway_s", 1.1, 1.7, "s", "time headway in a column of CAVs"),
