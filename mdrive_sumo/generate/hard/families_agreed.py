@@ -33,6 +33,8 @@ ARMS = 4
 """Streets of a crossing: CAVs come from each."""
 SHIFTS = 8
 """Parts of the time between two riders by which the streams are shifted: at corners they pass through each other."""
+DIGITS = 6
+"""Of the times [s] by which shifts are compared: of equally good ones every machine takes the first."""
 CONTROLS: tuple[JunctionKind, ...] = ("right-before-left", "priority-road", "yield", "stop")
 """Of the streets: at all-way stops CAVs come one after the other, so there is little to agree on."""
 
@@ -96,7 +98,7 @@ def find_shifts(roads: RoadMap, crossings: Sequence[RiderCrossing], speed: float
 
     def find_least(shifts: Sequence[float]) -> float:
         apart = [(lag + shifts[i] - shifts[j]) % every_s for i, j, lag in lags]
-        return min((min(one, every_s - one) for one in apart), default=every_s)
+        return round(min((min(one, every_s - one) for one in apart), default=every_s), DIGITS)
 
     choices = [tuple(k * every_s / SHIFTS for k in range(SHIFTS))] * (len(crossings) - 1)
     return max(((0.0, *shifts) for shifts in product(*choices)), key=find_least)
