@@ -33,6 +33,11 @@ def find_paper_part(file: Path) -> str:
     return CLOSED if names[1:2] == [CLOSED] or names[1:2] == [REFERENCE] else ""
 
 
+def list_shown_runs(table: str, values: Values) -> Sequence[Results]:
+    """Return the runs whose scenarios a table shows: with perturbations fewer scenarios are driven than without."""
+    return (values.get(PERTURBED[table].folder) if table in PERTURBED else None) or values[CLOSED]
+
+
 def list_paper_table(table: str, values: Values, opened: Sequence[OpenLoopResults]) -> Sequence[str]:
     """Return the paragraphs of a table. Raises InputError if its runs are not there."""
     closed = {results.run.agent: results for results in values[CLOSED]}

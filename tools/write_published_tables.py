@@ -47,7 +47,7 @@ from tools.aim_tables import (
     list_hard_figures,
     list_log_figures,
 )
-from tools.paper_values import CLOSED, find_paper_part, list_paper_table
+from tools.paper_values import CLOSED, find_paper_part, list_paper_table, list_shown_runs
 from tools.paper_values import TABLES as PAPER_TABLES
 from tools.published_values import WHOLE, Values, find_compared_agent, read_opened, read_values, write_values
 from tools.tool_command import HELP, ToolCommand, dry_run_option
@@ -165,7 +165,7 @@ def _list_twins(values: Values) -> Paragraphs:
             pairs = zip(originals[agent].scenarios, twin.scenarios, strict=True)
             lines.append(compare_pairs(agent, factor, [*pairs]))
     summary = TwinSummary(tuple(sorted(lines, key=lambda line: line.agent)), gaps=(), void=0)
-    described = _describe_runs(values[_name_originals(lines[0].factor)])
+    described = _describe_runs([one for name, runs in values.items() if name.endswith(ORIGINAL) for one in runs])
     return described, format_markdown(build_twins_table(summary)), count_by_chance(line.change for line in lines)
 
 
@@ -176,7 +176,7 @@ def _format_table(table: str, values: Values, opened: Sequence[OpenLoopResults])
     if kind != found:
         raise InputError(f"table {table}: expected values of {kind}, found values of {found}")
     if kind == "study paper":
-        parts = _describe_runs(values[CLOSED]), *list_paper_table(table, values, opened)
+        parts = _describe_runs(list_shown_runs(table, values)), *list_paper_table(table, values, opened)
     else:
         parts = _list_twins(values) if table == TWINS else TABLES[table](values[WHOLE])
     text = join_paragraphs(parts)

@@ -88,8 +88,13 @@ def judge_by_metric(lines: Sequence[Mapping[str, ConfidenceInterval]]) -> dict[s
 
 
 def count_by_chance(lines: Iterable[Mapping[str, ConfidenceInterval]]) -> str:
-    """Return how many of the differences of a table exclude 0 in any metric, and how many chance gives."""
-    return describe_comparisons([interval for line in lines for interval in line.values()])
+    """Return by metric how many differences of a table exclude 0, and how many are left by `judge_by_metric`."""
+    by_metric: dict[str, list[ConfidenceInterval]] = {}
+    for line in lines:
+        for metric, interval in line.items():
+            by_metric.setdefault(metric, []).append(interval)
+    counted = {metric: describe_comparisons(intervals) for metric, intervals in by_metric.items()}
+    return " ".join(f"{metric.upper()}: {text}" for metric, text in counted.items() if text)
 
 
 def _line_to_dict(line: StudyLine) -> dict[str, Any]:

@@ -13,12 +13,13 @@ from testing.local_executor import LocalExecutor
 from testing.study_samples import invoke, make_run, make_scenario
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import MIN_UNITS, ConfidenceInterval, judge_interval
+from mdrive_sumo.core.statistics import MIN_UNITS, ConfidenceInterval, Verdict, judge_interval
 from mdrive_sumo.core.tables import format_cell
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.study.gain import AGENTS, CELLS, PARTS, GainRow, GainSummary, SensingProfile, summarise_gain
 from mdrive_sumo.study.gain_files import build_gain_table, gain_csv
+from mdrive_sumo.study.study_files import count_by_chance, judge_by_metric
 
 MEANS = {
     ("perfect", "single"): 60.0,
@@ -196,3 +197,16 @@ def test_bad_input_is_one_sentence(
     ended = study(tmp_path, *given)
     assert (ended.exit_code, calls) == (2, [])
     assert problem in ended.output
+
+
+def test_the_sentence_on_chance_corrects_as_the_verdicts_of_its_table_do() -> None:
+    """DS and SR are corrected apart: a difference that the table calls a gain is one that the sentence keeps."""
+    line = {
+        "ds": ConfidenceInterval(5.0, 1.0, 9.0, 20, p_value=0.02),
+        "sr": ConfidenceInterval(1.0, -3.0, 5.0, 20, 0.6),
+    }
+    lines = [line, {**line, "ds": ConfidenceInterval(0.0, -4.0, 4.0, 20, p_value=1.0)}]
+    assert judge_by_metric(lines)["ds"] == (Verdict.GAIN, Verdict.NONE)
+    told = count_by_chance(lines)
+    assert "DS: Of 2 differences" in told and "; 1 remain after" in told.partition("SR:")[0]
+    assert "SR: Of 2 differences" in told and "; 0 remain after" in told.partition("SR:")[2]
