@@ -35,7 +35,8 @@ def find_paper_part(file: Path) -> str:
 
 def list_shown_runs(table: str, values: Values) -> Sequence[Results]:
     """Return the runs whose scenarios a table shows: with perturbations fewer scenarios are driven than without."""
-    return (values.get(PERTURBED[table].folder) if table in PERTURBED else None) or values[CLOSED]
+    perturbed = values.get(PERTURBED[table].folder) if table in PERTURBED else None
+    return perturbed or values[CLOSED]
 
 
 def list_paper_table(table: str, values: Values, opened: Sequence[OpenLoopResults]) -> Sequence[str]:

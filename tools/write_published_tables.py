@@ -165,7 +165,7 @@ def _list_twins(values: Values) -> Paragraphs:
             pairs = zip(originals[agent].scenarios, twin.scenarios, strict=True)
             lines.append(compare_pairs(agent, factor, [*pairs]))
     summary = TwinSummary(tuple(sorted(lines, key=lambda line: line.agent)), gaps=(), void=0)
-    described = _describe_runs([one for name, runs in values.items() if name.endswith(ORIGINAL) for one in runs])
+    described = _describe_runs([one for factor in TwinFactor for one in values.get(_name_originals(factor), ())])
     return described, format_markdown(build_twins_table(summary)), count_by_chance(line.change for line in lines)
 
 

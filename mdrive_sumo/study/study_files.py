@@ -89,11 +89,8 @@ def judge_by_metric(lines: Sequence[Mapping[str, ConfidenceInterval]]) -> dict[s
 
 def count_by_chance(lines: Iterable[Mapping[str, ConfidenceInterval]]) -> str:
     """Return by metric how many differences of a table exclude 0, and how many are left by `judge_by_metric`."""
-    by_metric: dict[str, list[ConfidenceInterval]] = {}
-    for line in lines:
-        for metric, interval in line.items():
-            by_metric.setdefault(metric, []).append(interval)
-    counted = {metric: describe_comparisons(intervals) for metric, intervals in by_metric.items()}
+    rows = [*lines]
+    counted = {metric: describe_comparisons([row[metric] for row in rows]) for row in rows[:1] for metric in row}
     return " ".join(f"{metric.upper()}: {text}" for metric, text in counted.items() if text)
 
 
