@@ -129,9 +129,12 @@ def test_a_take_whose_process_is_killed_is_finished_from_its_journal(suite: Path
         await session.process.branch(1, 10)
         await session.wait_for(lambda: session.frames[-1].take == 2)
         await session.drive_to(15)
-        for pid in [pid for pid in list_group(session.group) if pid != session.group]:
-            os.kill(pid, signal.SIGKILL)  # the live take and the checkpoints
-        await session.wait_for(lambda: any("actions are kept" in text for text in session.problems))
+        killed = {*list_group(session.group)} - {session.group}  # the live take and the checkpoints
+        for pid in killed:
+            os.kill(pid, signal.SIGKILL)
+        while killed & {*list_group(session.group)}:  # one that still dies would take an order and not answer
+            await asyncio.sleep(0.01)
+        await session.wait_for(lambda: any("process of take 2 has ended" in text for text in session.problems))
         await session.process.branch(2, 12)
         await session.wait_for(lambda: session.frames[-1].take == 3)
         await session.drive_to(14)
