@@ -6,7 +6,7 @@ search continues, and so does one with a larger budget or with more families.
 """
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -165,7 +165,9 @@ def run_search(
     """
     searches = [FamilySearch(family, find_places(pool, family), settings.seed) for family in settings.families]
     queues = [_FamilyQueue(search, settings, journal) for search in searches]
-    progress.begin(len(queues) * settings.budget, len(journal.evaluations))
+    searched = {family.category for family in settings.families}
+    kept = Counter(one.family for one in journal.evaluations.values() if one.family in searched)
+    progress.begin(len(queues) * settings.budget, sum(min(n, settings.budget) for n in kept.values()))
     for queue in queues:
         queue.advance()
     if not only_kept:

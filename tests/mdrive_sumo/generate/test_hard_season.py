@@ -1,8 +1,10 @@
 """`generate --hard --season N` through the command line, with a family whose figures follow from a formula."""
 
 import json
+import shutil
 import signal
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -102,6 +104,17 @@ def test_an_interrupted_search_continues(drawn: Path, tmp_path: Path, monkeypatc
     continued = run_command("--season", 7, *BUDGET, "--out", tmp_path / "hard")
     assert "continuing: the journal holds 11 candidates" in continued.output
     assert read_contents(tmp_path / "hard") == read_contents(drawn)
+
+
+def test_a_continued_search_counts_the_candidates_of_its_families_alone(
+    drawn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(drawn.parent / "hard.search", tmp_path / "search")
+    other = replace(TOY_FAMILY, category="toy-two")
+    monkeypatch.setattr(families, "FAMILIES", {TOY: TOY_FAMILY, other.category: other})
+    options = ("--family", other.category, "--search-folder", tmp_path / "search", "--out", tmp_path / "hard")
+    output = run_command("--season", 7, *BUDGET, *options).output
+    assert "continuing" not in output and "\n1/16  " in output and "\n16/16  " in output and "eta 0:00" in output
 
 
 class ManyWorkers(LocalExecutor[J, R]):
