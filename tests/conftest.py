@@ -23,6 +23,7 @@ INSTALLED = (
     "needs gVisor's runsc",
     "needs netconvert",
     "needs OpenGL",
+    "needs tshark",
 )
 SKIP_REASONS = (NEEDS_SHARED_DATA, *MACHINE, *INSTALLED, "needs PostgreSQL")
 """Why a test may skip. The gate (MDRIVE_STRICT_SKIPS) installs what it can: there only machine and data count."""

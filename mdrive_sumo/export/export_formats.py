@@ -61,6 +61,12 @@ EXPORT_FORMATS: Mapping[str, ExportFormat] = {
         "scenariogeneration",
         is_in_log_frame=False,
     ),
+    "pcap": ExportFormat(
+        "V2X messages as ETSI frames, for Wireshark",
+        "mdrive_sumo.export.pcap_capture:write_pcap",
+        "pycrate_asn1rt",
+        is_in_log_frame=False,
+    ),
 }
 """Built-in format by name, as the command line lists them."""
 

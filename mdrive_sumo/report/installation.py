@@ -36,6 +36,7 @@ PACKAGES = (
     ("foxglove-sdk", "export mcap", "export"),
     ("pyarrow", "convert argoverse2, export parquet", "export"),
     ("scenariogeneration", "export openscenario", "export"),
+    ("pycrate", "export pcap", "export"),
     ("fastapi", "serve", "server"),
     ("sqlalchemy", "serve, admin", "server"),
     ("pyseccomp", "serve, submit --dry-run", "server"),

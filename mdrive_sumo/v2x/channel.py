@@ -43,6 +43,12 @@ class DeliveryStatus(StrEnum):
     """The channel is switched off."""
 
 
+NOT_TRANSMITTED = frozenset(
+    {DeliveryStatus.MUTED, DeliveryStatus.OVER_BUDGET, DeliveryStatus.MALFORMED, DeliveryStatus.OFF}
+)
+"""What becomes of messages that the sender's radio never transmits, alike for all receivers."""
+
+
 class Delivery(NamedTuple):
     """What became of a message on its way to one receiver."""
 

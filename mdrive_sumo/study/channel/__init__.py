@@ -1,0 +1,1 @@
+"""What the channel of recorded runs did: reception, gaps, age of information, load, awareness."""
