@@ -39,7 +39,7 @@ def write_pcap(recordings: Iterable[ScoredRecording], folder: Path) -> None:
         frames = list(capture.list_frames())
         if not frames:
             raise InputError(
-                f"export: {recording.name}: expected a recording with CAMs, CPMs or DENMs that were transmitted, found"
+                f"export: {recording.name}: expected a recording with CAMs or CPMs that were transmitted, found"
                 f" {_describe_counts(capture.left_out)}"
             )
         write_bytes(folder / f"{recording.name}.pcap", _pack_file(frames))

@@ -107,6 +107,8 @@ class RunHarness:
             ["export", a, "--format", "mcap", "--out", str(out / "mcap")],
             ["export", a, "--format", "fcd", "--out", str(out / "fcd")],
             ["export", a, "--format", "openscenario", "--out", str(out / "osc")],
+            ["export", a, "--format", "pcap", "--out", str(out / "pcap")],
+            ["study", "channel", a, b, "--out", str(out / "channel")],
             ["eval", "--suite", str(run.parent / "suite"), "--agent", "stationary", "--out", a],
         ]
 

@@ -29,6 +29,8 @@ def draw_reception(measured: Sequence[RunMeasures], stem: Path) -> tuple[Path, P
             rings = sorted({ring.number for ring in run.links.transmitted if ring.group.link_class == link_class})
             points = [(ring, *_count_ring(run, link_class, ring)) for ring in rings]
             shown = [(ring, received / count) for ring, count, received in points if count >= MIN_SHOWN]
+            if not shown:
+                continue  # the layout fails for a line without points
             axes.plot(
                 [(ring + 0.5) * RING_M for ring, _ in shown],
                 [100 * ratio for _, ratio in shown],
@@ -92,7 +94,7 @@ def draw_awareness(measured: Sequence[RunMeasures], stem: Path) -> tuple[Path, P
         found = run.awareness
         rings = [ring for ring in sorted(found.relevant) if found.relevant[ring] >= MIN_SHOWN]
         lines = ((found.known, "own sensors and messages", "-"), (found.seen, "own sensors", "--"))
-        for i, (counts, label, style) in enumerate(lines):
+        for i, (counts, label, style) in enumerate(lines if rings else ()):
             axes.plot(
                 [(ring + 0.5) * RING_M for ring in rings],
                 [100 * counts[ring] / found.relevant[ring] for ring in rings],
@@ -118,7 +120,10 @@ def _draw_panels(
         for axes, run in zip(panels, measured, strict=False):
             draw(axes, run)
             axes.set_title(run.name, fontsize="medium")
-        panels[0].set_xlim(left=0)  # after all are drawn, since they share it
+            if not axes.lines:
+                axes.text(0.5, 0.5, "too few to draw", transform=axes.transAxes, ha="center", color="#5c6673")
+        farthest = [max(line.get_xdata()) for axes in panels for line in axes.lines]
+        panels[0].set_xlim(0, 1.04 * max(farthest, default=RING_M))  # the panels share it
         for axes in panels[len(measured) :]:
             axes.set_axis_off()
         figure.suptitle(title, fontsize="medium")
@@ -130,4 +135,5 @@ def _add_legend(figure: Figure) -> None:
     handles = {
         label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, frameon=False)
+    if handles:
+        figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, frameon=False)
