@@ -14,7 +14,7 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.v2x.channel import DeliveryStatus
+from mdrive_sumo.v2x.channel import NOT_TRANSMITTED, DeliveryStatus
 from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Mcm, MessageError, decode, find_problem
 
 SHOWN_EVERY_TICKS = 4
@@ -55,6 +55,8 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
         "station_places": [places.get(station) for station in stations],
         "types": types,
         "fates": [str(fate) for fate in FATES],
+        "not_transmitted": sorted(NOT_TRANSMITTED),
+        "link_classes": [],
         "terms": terms,
         "problems": [(row.row, problem) for row in rows if (problem := find_problem(row.message)) is not None],
         "texts": [(row.row, row.content) for row in rows if isinstance(row.content, str)],
@@ -71,6 +73,7 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
     return header, {
         "messages": _make_table(heads, 4),
         "fates": _make_table(fates, 4),
+        "links": _make_table((), 4),
         "cams": _make_table(
             (_encode_cam(row.row, row.content, origin) for row in rows if isinstance(row.content, Cam)), 9
         ),

@@ -1,7 +1,7 @@
 // The page: player, input, and the loop that draws. `window.viewer` is for tests.
 
 const RATES = [0.25, 0.5, 1, 2, 4, 8];
-const LAYERS = ["sight", "intentions", "messages", "shared", "transcript"];
+const LAYERS = ["sight", "intentions", "messages", "links", "shared", "transcript"];
 const LABELS = ["near", "all", "none"];
 const LONGEST_FRAME_MS = 100; // after a pause of the browser: go on from here, do not jump
 const LEAST_STAGE_PX = 380; // where less is left for the map, the strips start hidden
@@ -23,6 +23,7 @@ class Viewer {
     const talk = new Talk(replay);
     this.layers = new Layers(replay, talk);
     this.missing = this.layers.missing();
+    $("link-classes").hidden = talk.linkNames.size === 0; // only a radio's recordings have them
     this.on = new Set(this.missing.intentions ? [] : ["intentions"]);
     this.firstLayers = this.shownLayers();
     const seek = (tick) => this.seek(tick);

@@ -79,6 +79,7 @@ function listenToKeys(viewer) {
     v: () => viewer.toggleLayer("sight"),
     i: () => viewer.toggleLayer("intentions"),
     m: () => viewer.toggleLayer("messages"),
+    r: () => viewer.toggleLayer("links"),
     o: () => viewer.toggleLayer("shared"),
     t: () => viewer.toggleLayer("transcript"),
     "?": () => $("help").showModal(),

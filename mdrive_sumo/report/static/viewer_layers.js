@@ -5,6 +5,7 @@ const BUBBLE_TICKS = 60; // how long a word stays beside its speaker
 const BUBBLE_LINES = 3;
 const BUBBLE_LINE_CHARS = 30;
 const BULGES = { cam: 0.05, cpm: 0.11, mcm: 0.17, text: 0.23 }; // of the distance: each type has its own way
+const DASHES = { NLOSv: [9, 6], NLOSb: [2.5, 4] }; // of a link that a vehicle, a building obstructs [px]
 const GROUP_PX = 30;
 const AGREE_M = 1; // objects as near as this, told of by several, are drawn one around the other
 const MOST_RINGS = 3;
@@ -25,6 +26,7 @@ class Layers {
       sight: replay.ids.length > 1 ? "" : "This recording has no other road user",
       shared: talk.has("cpm") ? "" : "No CPM was sent in this recording",
       messages: talk.sent.length ? "" : "No message was sent in this recording",
+      links: talk.air.size ? "" : "No message was transmitted in this recording",
       intentions: talk.has("mcm") ? "" : "No MCM was sent in this recording",
       transcript: this.transcript.length ? "" : "Nothing was said in words, negotiated or noted in this recording",
     };
@@ -59,6 +61,7 @@ class Layers {
 
   /** What lies above everything; tops: upper edge of each CAV's label [px]. */
   drawAbove({ on, time, selected, tops, types }) {
+    if (on.has("links")) for (const link of this.talk.linksAt(Math.floor(time))) this.drawLink(link, time, selected);
     if (on.has("messages")) for (const flight of this.talk.latestFlights(time, types)) this.drawFlight(flight, time, selected);
     if (on.has("transcript")) this.drawWords(time, tops);
     this.ctx.globalAlpha = 1;
@@ -148,6 +151,46 @@ class Layers {
     const radius = (message.type === "cam" ? 2.2 : 3.6) * dpr;
     disc(ctx, px, py, radius + dpr, theme.halo);
     disc(ctx, px, py, radius, theme[message.type] || theme.ink);
+  }
+
+  /** The half of a link before its receiver: as much of it as was received in one colour, the rest in the other. */
+  drawLink({ from, to, share, name }, time, selected) {
+    const [a, b] = [this.place(from, time), this.place(to, time)];
+    if (!a || !b) return;
+    const { ctx, theme, dpr } = this;
+    const mine = from === selected || to === selected;
+    const point = (part) => [a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1])];
+    const begin = from < this.replay.egos ? 0.5 : 0; // a road-side unit receives nothing: the whole line is of its messages
+    const turn = 1 - share * (1 - begin);
+    ctx.lineWidth = (mine ? 2.6 : 1.4) * dpr;
+    ctx.globalAlpha = mine ? 0.9 : 0.4;
+    ctx.setLineDash((DASHES[name] ?? []).map((length) => length * dpr));
+    for (const [first, last, colour] of [[begin, turn, theme.bad], [turn, 1, theme.good]]) {
+      ctx.strokeStyle = colour;
+      ctx.beginPath();
+      ctx.moveTo(...point(first));
+      ctx.lineTo(...point(last));
+      if (last > first) ctx.stroke();
+    }
+    ctx.setLineDash([]);
+    if (mine) this.drawShare(point(begin + 0.36 * (1 - begin)), `${name} ${Math.round(100 * share)} %`.trim());
+    ctx.globalAlpha = 1;
+  }
+
+  drawShare([px, py], text) {
+    const { ctx, theme, dpr } = this;
+    ctx.font = `600 ${10.5 * dpr}px system-ui, sans-serif`;
+    ctx.textAlign = "center";
+    ctx.textBaseline = "middle";
+    const half = ctx.measureText(text).width / 2 + 4 * dpr;
+    ctx.globalAlpha = 0.85;
+    ctx.fillStyle = theme.card;
+    ctx.beginPath();
+    ctx.roundRect(px - half, py - 8 * dpr, 2 * half, 16 * dpr, 4 * dpr);
+    ctx.fill();
+    ctx.globalAlpha = 1;
+    ctx.fillStyle = theme.ink;
+    ctx.fillText(text, px, py);
   }
 
   drawWay(a, bend, b, share) {

@@ -16,7 +16,10 @@ class Talk {
     ));
     this.arrivals = new Map(); // "type from to" -> [{ tick, message }] of what was delivered
     this.links = new Map(); // "type from to" -> [{ tick, until, message, fate }] by the tick of sending
+    this.air = new Map(); // "from to" -> [{ tick, received, name }] of what was transmitted, by the tick of sending
+    this.linkNames = new Map(table("links").map(([row, to, kind]) => [`${row} ${to}`, this.link_classes[kind]]));
     for (const [row, to, fate, tick] of table("fates")) this.addFate(this.sent[row], to, this.fates[fate], tick);
+    for (const list of this.air.values()) list.sort((a, b) => a.tick - b.tick);
     for (const list of this.arrivals.values()) list.sort((a, b) => a.tick - b.tick || a.message.row - b.message.row);
     for (const [row, problem] of this.problems) this.sent[row].problem = problem; // malformed: the channel has dropped it
     for (const [row, text] of this.texts) this.sent[row].content = { text };
@@ -32,6 +35,9 @@ class Talk {
     const key = `${message.type} ${message.from} ${to}`;
     push(this.links, key, { tick: message.tick, until: tick, message, fate, to });
     if (fate === "delivered") push(this.arrivals, key, { tick, message });
+    if (this.not_transmitted.includes(fate) || fate === "gone") return;
+    const name = this.linkNames.get(`${message.row} ${to}`) ?? "";
+    push(this.air, `${message.from} ${to}`, { tick: message.tick, received: fate === "delivered", name });
   }
 
   addCams(rows) {
@@ -99,6 +105,21 @@ class Talk {
   latestFlights(time, types) {
     const wanted = [...this.links.values()].filter((list) => types.has(list[0].message.type));
     return wanted.map((list) => list[countAtOrBefore(list, time) - 1]).filter(Boolean);
+  }
+
+  /** Of each pair of stations what was transmitted within the last second: [{ from, to, share, name }]. */
+  linksAt(tick) {
+    const found = [];
+    for (const [key, list] of this.air) {
+      const end = countAtOrBefore(list, tick);
+      let begin = end;
+      while (begin > 0 && tick - list[begin - 1].tick < FRESH_TICKS) begin--;
+      if (begin === end) continue;
+      const [from, to] = key.split(" ").map(Number);
+      const received = list.slice(begin, end).filter((one) => one.received).length;
+      found.push({ from, to, share: received / (end - begin), name: list[end - 1].name });
+    }
+    return found;
   }
 
   /** What the station sent and what was sent to it, newest first: [{ at, message, fate }]; fate undefined: its own. */

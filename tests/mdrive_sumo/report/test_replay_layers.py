@@ -23,7 +23,7 @@ from tests.mdrive_sumo.report.test_replay_page import HOSTILE, SETTLED, carried,
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
-LAYERS = ("sight", "intentions", "messages", "shared", "transcript")
+LAYERS = ("sight", "intentions", "messages", "links", "shared", "transcript")
 
 
 @pytest.fixture(scope="module")
@@ -127,12 +127,12 @@ def page(browser: Any, talk_file: Path) -> Iterator[Any]:
 @needs_browser
 def test_keys_and_buttons_switch_layers(page: Any) -> None:
     assert page.evaluate("viewer.layers") == ["intentions"]
-    for key in "vimot":
+    for key in "vimrot":
         page.keyboard.press(key)
-    assert page.evaluate("viewer.layers.sort()") == ["messages", "shared", "sight", "transcript"]
+    assert page.evaluate("viewer.layers.sort()") == ["links", "messages", "shared", "sight", "transcript"]
     page.click("#layer-intentions")
     assert "intentions" in page.evaluate("viewer.layers")
-    wait(page, "document.querySelectorAll('#layers [aria-pressed=true]').length === 5")
+    wait(page, "document.querySelectorAll('#layers [aria-pressed=true]').length === 6")
 
 
 @needs_browser
@@ -141,7 +141,7 @@ def test_every_layer_is_seen(page: Any) -> None:
     page.keyboard.press("i")
     wait(page, SETTLED)
     plain = picture(page)
-    for key in "vimot":
+    for key in "vimrot":
         page.keyboard.press(key)
         wait_until(lambda: picture(page) != plain, f"{key} shows nothing")
         page.keyboard.press(key)
@@ -180,7 +180,7 @@ def test_a_layer_without_anything_to_show_says_why(browser: Any, tmp_path: Path)
     path = tmp_path / "silent.html"
     path.write_text(render_replay(record(), scenario(2), crossing(), ()), encoding="utf-8")
     for tab in opened(browser, path.as_uri()):
-        for key in "imot":
+        for key in "imrot":
             tab.keyboard.press(key)
         assert tab.evaluate("viewer.layers") == []
         for layer in LAYERS[1:]:
@@ -202,6 +202,23 @@ def test_messages_of_the_selected_cav_are_listed_with_their_fates(page: Any) -> 
     wait(page, "document.getElementById('messages').innerText.toLowerCase().includes('cam')")
     fates = {cells[4] for cells in rows if cells[2] != "→ sent"}
     assert fates == {"100 ms", "lost"}
+
+
+@needs_browser
+def test_links_say_what_was_received_within_a_second(page: Any, talk: EpisodeRecord) -> None:
+    """Of all types, by the tick of sending; every seventh message is lost."""
+    links = page.evaluate("viewer.talk.linksAt(60)")
+    stations = [*talk.ego_ids, RSU]
+    assert {(one["from"], one["to"]) for one in links} == {(a, b) for a in range(5) for b in range(4) if a != b}
+    for one in links:
+        fates = [
+            sent.deliveries[stations[one["to"]]]
+            for sent in talk.messages
+            if sent.message.sender == stations[one["from"]] and 40 < sent.message.tick <= 60
+        ]
+        share = sum(status is DeliveryStatus.DELIVERED for status, _ in fates) / len(fates)
+        assert one["share"] == pytest.approx(share) and one["name"] == ""
+    assert not page.is_visible("#link-classes")
 
 
 @needs_browser
