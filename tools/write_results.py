@@ -62,7 +62,7 @@ ALL_SEEDS = [0, 1, 2]
 SCORES = ("ds", "sr", "efficient_sr", "time_ratio")
 CONDITIONS: Mapping[str, str] = {
     "agent_clock": "ideal", "actors": "default", "friction": "dry", "ids": "random", "sensing": "realistic",
-    "others": "",
+    "others": "", "attack": "none",
 }  # fmt: skip
 """Conditions of every row besides the ideal channel, as the pages state them: rows under others cannot be compared."""
 

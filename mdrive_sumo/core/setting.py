@@ -44,6 +44,7 @@ class SettingFacts(TypedDict, total=False):
     typed: str | int
     absent: Scalar
     is_identity: bool
+    is_written_as_default: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,8 @@ class Setting:
     """What results from before the setting are read as; "": unknown; None: the default."""
     is_identity: bool = True
     """Whether runs that differ in it are different runs. Settings of how a run is executed are not part of it."""
+    is_written_as_default: bool = True
+    """False: files have it only if it is not the default, so that runs from before it stay the same runs."""
     owner: type = NoneType
     """The class that has the field. This and the following are read from the class."""
     field: str = ""
@@ -102,6 +105,10 @@ class Setting:
         if self.typed is not None or not self.is_scalar or self.default is None:
             return self.typed
         return self.write(self.default)
+
+    def is_written(self, value: Any) -> bool:
+        """Return whether files have the setting if it has this value."""
+        return self.is_written_as_default or value != self.default
 
     def write(self, value: Any) -> Scalar:
         """Return the value of a scalar setting as files hold it."""

@@ -1,6 +1,7 @@
 """The recorded episode, at the resolution in which it is scored, stored and compared."""
 
 from mdrive_sumo.episode.episode import (
+    ATTACKERS,
     SENSING_TRACK,
     Ending,
     EpisodeRecord,
@@ -15,6 +16,7 @@ from mdrive_sumo.episode.recorded_frame import rebuild_frame
 from mdrive_sumo.episode.recorder import Recorder
 
 __all__ = [
+    "ATTACKERS",
     "SENSING_TRACK",
     "Ending",
     "EpisodeRecord",

@@ -18,6 +18,8 @@ from mdrive_sumo.v2x.channel import SentMessage
 
 SENSING_TRACK = "sensing_track"
 """Key of `EpisodeRecord.about`: a `contract.SensingTrack`; absent in recordings of logs, which no agent drove."""
+ATTACKERS = "attackers"
+"""Key of `EpisodeRecord.about`: ids of the stations that lied, with spaces between them; absent in honest runs."""
 ReceivedMessages: TypeAlias = Mapping[str, tuple[Message, ...]]
 """The messages that each CAV receives in a tick."""
 

@@ -13,6 +13,7 @@ from mdrive_sumo.core.setting import Scalar, Setting, check_names, list_settings
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
+from mdrive_sumo.v2x.attacks.attack_settings import NO_ATTACK, AttackKind, AttackSettings, parse_attack
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json, parse_comm
 
 
@@ -32,6 +33,7 @@ class EpisodeArguments(TypedDict, total=False):
     friction: str
     ids: str
     sensing: str
+    attack: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,23 @@ class EpisodeOptions:
         help="Own states and detections of CAVs and road-side units: with realistic errors; or exact.",
     )
     """Quality of own states and of the standard detector, the same for all stations."""
+    attack: str = setting(
+        NO_ATTACK,
+        metavar="KIND[:OPTION=VALUE,...]",
+        is_written_as_default=False,
+        help=f"Stations that lie: {', '.join(AttackKind)}; by=ID+ID, or share=PERCENT of among=cavs|rsus|all, names or"
+        " draws them (one CAV by default). docs/attacks.md has the options of each kind.",
+    )
+    """The attack as text, see `v2x.attacks.attack_settings`; "none": every station sends what its agent sends."""
+
+    def __post_init__(self) -> None:
+        attack = self.parsed_attack
+        object.__setattr__(self, "attack", NO_ATTACK if attack is None else attack.text)
+
+    @property
+    def parsed_attack(self) -> AttackSettings | None:
+        """The attack; None without one. Raises InputError for a text that names none."""
+        return parse_attack(self.attack)
 
     @classmethod
     def parse(cls, **arguments: Unpack[EpisodeArguments]) -> "EpisodeOptions":
@@ -92,7 +111,8 @@ class EpisodeOptions:
 
     def to_dict(self) -> dict[str, Scalar]:
         """Return the options as journal and recordings hold them; the inverse of `from_dict`."""
-        scalars = {condition.key: condition.write(getattr(self, condition.field)) for condition in CONDITIONS}
+        values = {condition: getattr(self, condition.field) for condition in CONDITIONS}
+        scalars = {one.key: one.write(value) for one, value in values.items() if one.is_written(value)}
         return {"comm": format_comm_json(self.comm), "agent_clock": self.clock.text, **scalars}
 
     @classmethod

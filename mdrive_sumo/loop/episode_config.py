@@ -10,6 +10,7 @@ from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop.pseudonyms import derive_pseudonyms
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.v2x.attacks.attackers import choose_attackers
 from mdrive_sumo.vehicle import dynamics
 
 VEHICLE = dynamics.MKZ_2017
@@ -43,6 +44,15 @@ class EpisodeConfig:
     def cav_pseudonyms(self) -> dict[str, str]:
         """The id that agents get for every CAV, in the order of the scenario file."""
         return {ego.id: self.pseudonyms[ego.id] for ego in self.scenario.egos}
+
+    @cached_property
+    def attackers(self) -> frozenset[str]:
+        """The ids of the CAVs and road-side units that lie; none without an attack."""
+        attack, scenario = self.options.parsed_attack, self.scenario
+        if attack is None:
+            return frozenset()
+        cavs, rsus = [ego.id for ego in scenario.egos], [rsu.id for rsu in scenario.rsus]
+        return choose_attackers(attack, cavs, rsus, scenario.id, self.seed)
 
     @property
     def road_grip(self) -> float:

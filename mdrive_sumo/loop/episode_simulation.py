@@ -18,6 +18,7 @@ from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End, Frame
 from mdrive_sumo.episode import (
+    ATTACKERS,
     SENSING_TRACK,
     Ending,
     EpisodeRecord,
@@ -38,7 +39,10 @@ from mdrive_sumo.sensing.roadside_units import RoadsideUnits
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
 from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, derive_sensing_track
 from mdrive_sumo.sensing.signal_lamps import SignalLampObserver
+from mdrive_sumo.v2x.attacks.falsifier import Falsifier
+from mdrive_sumo.v2x.attacks.route_point import Receiver
 from mdrive_sumo.v2x.channel import Channel
+from mdrive_sumo.v2x.messages import FLOOD
 from mdrive_sumo.vehicle import control, dynamics
 
 
@@ -70,9 +74,11 @@ class EpisodeSimulation:
         self._dimensions = frames.dimensions
         self.sensing_track = derive_sensing_track(sensors.values())
         """Whether any CAV is given lists of objects."""
-        about = {**config.about, SENSING_TRACK: self.sensing_track.value}
+        lying = {ATTACKERS: " ".join(sorted(config.attackers))} if config.attackers else {}
+        about = {**config.about, SENSING_TRACK: self.sensing_track.value, **lying}
         self._recorder = Recorder(scenario.id, about, self._dimensions, config.pseudonyms)
         self._channel = Channel(config.options.comm, derive_seed(config.seed, scenario.id, "channel"))
+        self._falsifier = _make_falsifier(config)
         self.briefings: Mapping[str, Briefing] = self._build_briefings()
         """What the agent of each CAV learns before the first tick."""
         self.is_done = False
@@ -190,7 +196,8 @@ class EpisodeSimulation:
         self._received = self._channel.deliver(frame.tick, self.active_egos)
         for ego, messages in self._received.items():
             if messages:
-                self._pending_messages[ego] += rename_senders(messages, self._config.pseudonyms)
+                readable = [message for message in messages if message.type != FLOOD]
+                self._pending_messages[ego] += rename_senders(readable, self._config.pseudonyms)
         observers = tuple(ego for ego in self.active_egos if ego not in busy and ego not in self._failures)
         is_scene_needed = self._signal_lamps is not None or self._roadside.is_due(frame.tick)
         if is_scene_needed or self._senses.needs_frame(observers):
@@ -251,10 +258,25 @@ class EpisodeSimulation:
             self._recorder.note(frame.tick, ego, reply.notes)
         if self._scene is not None and self._roadside.is_due(frame.tick):
             messages |= self._roadside.compose_messages(self._scene)
+        if self._falsifier is not None:
+            messages = self._falsify(self._falsifier, frame, messages)
         if messages:
             egos = self.active_egos
             positions = {ego: (frame.egos[ego].x, frame.egos[ego].y) for ego in egos} | self._roadside.positions
             self._channel.send(frame.tick, messages, positions, receivers=egos)
+
+    def _falsify(
+        self, falsifier: Falsifier, frame: Frame, messages: Mapping[str, tuple[Message, ...]]
+    ) -> dict[str, tuple[Message, ...]]:
+        """Return the messages that leave the stations: those of attackers lie."""
+        receivers = {ego: self._describe_receiver(frame, ego) for ego in self.active_egos}
+        stations = {*self.active_egos, *self._roadside.positions} - {*self._failures}
+        return falsifier.falsify(frame.tick, messages, receivers, stations)
+
+    def _describe_receiver(self, frame: Frame, ego: str) -> Receiver:
+        state = frame.egos[ego]
+        name, route = self._config.pseudonyms[ego], self.briefings[ego].route_xy
+        return Receiver(name, state.x, state.y, state.speed, route)
 
     def _update_plans(self, replies: Mapping[str, Reply]) -> None:
         for ego, reply in replies.items():
@@ -281,3 +303,12 @@ class EpisodeSimulation:
         if key not in self._controllers:
             self._controllers[key] = control.CONTROLLERS[plan.controller](dynamics.to_vehicle_facts(VEHICLE))
         return self._controllers[key].follow(plan, state, 0)
+
+
+def _make_falsifier(config: EpisodeConfig) -> Falsifier | None:
+    """Return what changes the messages of attackers; None if the scenario has none."""
+    attack = config.options.parsed_attack
+    if attack is None or not config.attackers:
+        return None
+    names = {attacker: config.pseudonyms[attacker] for attacker in config.attackers}
+    return Falsifier(attack, names, derive_seed(config.seed, config.scenario.id, "attack"))

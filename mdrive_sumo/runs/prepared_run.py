@@ -40,8 +40,9 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult, ScoreMode, apply_reference_times, check_reference
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
-from mdrive_sumo.scoring.labels import JOINT, PRIVILEGED, UNSANDBOXED
+from mdrive_sumo.scoring.labels import ATTACKED, JOINT, PRIVILEGED, UNSANDBOXED
 from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
+from mdrive_sumo.v2x.attacks.attackers import check_attackers
 from mdrive_sumo.v2x.comm_settings import describe_comm
 from mdrive_sumo.v2x.messages import TYPES
 
@@ -199,6 +200,7 @@ def prepare_with_suite(config: RunConfig, suite: Suite, *, is_take: bool = False
     if config.sandbox and config.scheduler:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")
     check_mute(config, scenarios)
+    check_attack(config, scenarios)
     for agent in () if is_take else config.agents:
         check_agent_name(agent)
     check_takes(config.agents, scenarios)
@@ -228,7 +230,7 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
     folder = config.find_folder(suite.name)
     info = {
         "agent": hide_locator(config.agent.name, folder),
-        "labels": labels,
+        "labels": _mark_attacked(labels, config),
         "declared_label": declared_label,
         "agent_config": config.agent.config_hash(),
         "others": hide_locator(config.others.agent.name, folder) if config.others else "",
@@ -245,6 +247,12 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
         "comm": describe_comm(config.options.comm),
     }
     return RunInfo.model_validate(info)
+
+
+def _mark_attacked(labels: Sequence[str], config: RunConfig) -> tuple[str, ...]:
+    """Return the labels of a run, with `ATTACKED` if it is, which a variant of an honest run may be."""
+    is_attacked = config.options.parsed_attack is not None
+    return (*(label for label in labels if label != ATTACKED), *((ATTACKED,) if is_attacked else ()))
 
 
 def check_agent_name(agent: AgentSpec) -> None:
@@ -297,6 +305,18 @@ def declare_labels(agent: AgentSpec, *, is_sandboxed: bool) -> tuple[str, tuple[
         UNSANDBOXED: not agent.is_builtin and not is_sandboxed,
     }
     return declaration.label, tuple(label for label, holds in facts.items() if holds)
+
+
+def check_attack(config: RunConfig, scenarios: Sequence[Scenario]) -> None:
+    """Raise InputError for an attack by stations that no scenario has, and for one without a channel."""
+    attack = config.options.parsed_attack
+    if attack is None:
+        return
+    if not config.options.comm.on:
+        raise InputError(f"--attack {attack.text}: expected a channel over which stations can lie, found --comm off")
+    cavs = [ego.id for scenario in scenarios for ego in scenario.egos]
+    rsus = [rsu.id for scenario in scenarios for rsu in scenario.rsus]
+    check_attackers(attack, cavs, rsus)
 
 
 def check_mute(config: RunConfig, scenarios: Sequence[Scenario]) -> None:

@@ -10,6 +10,8 @@ COMMUNICATION_LABELS = (SINGLE, SHARING, NEGOTIATION)
 """What the CAVs of a run exchanged: nothing, CAMs and CPMs, anything else."""
 JOINT, PRIVILEGED, UNSANDBOXED = "joint", "privileged", "unsandboxed"
 """One program for all CAVs; a sensor that knows everything; a third-party agent that could read the scenarios."""
+ATTACKED = "attacked"
+"""Stations lied (`--attack`): such results say nothing about honest ones."""
 SHARING_TYPES = frozenset((CAM, CPM))
 
 

@@ -17,6 +17,7 @@ from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation, compute_captured_cooperation
 from mdrive_sumo.study.conditions import ChannelCondition
+from mdrive_sumo.v2x.attacks.attack_settings import NO_ATTACK
 from mdrive_sumo.v2x.comm_settings import PRESETS
 
 RUNS_FOLDER = "runs"
@@ -136,12 +137,14 @@ def name_agent_folder(agent: AgentSpec) -> str:
 def make_reference_configs(config: RunConfig) -> tuple[RunConfig, RunConfig]:
     """Return the same agent with the channel off, and omniscient: suite, scenarios, seed and score mode of `config`.
 
+    Both are honest: without messages there are no lies, and the omniscient agent reads none.
     They have no `out`, so they lie where `eval` puts them by default: one reference serves many runs. `fresh` does
     not reach them.
     """
     own = replace(config, out=None, fresh=False)
-    off = replace(own, options=replace(own.options, comm=PRESETS["off"]))
-    best = replace(own, agent=AgentSpec(BEST), options=replace(own.options, comm=PRESETS["ideal"], clock=IDEAL))
+    honest = replace(own.options, attack=NO_ATTACK)
+    off = replace(own, options=replace(honest, comm=PRESETS["off"]))
+    best = replace(own, agent=AgentSpec(BEST), options=replace(honest, comm=PRESETS["ideal"], clock=IDEAL))
     return off, best
 
 

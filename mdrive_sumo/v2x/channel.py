@@ -13,7 +13,7 @@ from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.seeding import UNIFORMS, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
-from mdrive_sumo.v2x.messages import displace_message
+from mdrive_sumo.v2x.messages import FLOOD, displace_message
 from mdrive_sumo.v2x.shared_reading import find_shared_problem
 
 Position = tuple[float, float]
@@ -256,12 +256,15 @@ class _Budget:
 def count_exchanged(messages: Iterable[SentMessage], cavs: Collection[str]) -> dict[str, int]:
     """Return how many messages of a CAV reached at least one other CAV, by type; no message of a road-side unit counts.
 
+    Nor do the useless bytes of a flood, which say nothing.
+
     Sorted by type; empty if the CAVs exchanged nothing. From the 33rd type on, all are counted together as `OTHER`.
     """
     arrived = (
         one.message.type
         for one in messages
         if one.message.sender in cavs
+        and one.message.type != FLOOD
         and any(status is DeliveryStatus.DELIVERED for status, _ in one.deliveries.values())
     )
     counts: Counter[str] = Counter()

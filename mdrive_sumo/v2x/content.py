@@ -15,6 +15,8 @@ from mdrive_sumo.core.geometry import Float
 
 CAM, CPM, MCM, TEXT = "cam", "cpm", "mcm", "text"
 TYPES = (CAM, CPM, MCM, TEXT)
+FLOOD = "(flood)"
+"""Type of an attacker's useless bytes, which no agent can use and no agent reads."""
 MAX_OBJECTS, MAX_SECTORS, MAX_POINTS, MAX_NAMES = 255, 255, 100, 32
 MAX_NAME_BYTES = 80
 """Bytes of a name in UTF-8: ids of scenarios have at most 80 characters (`scenario_part.Identifier`)."""

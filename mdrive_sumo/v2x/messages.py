@@ -23,6 +23,7 @@ from mdrive_sumo.v2x import encoding, mcm_encoding
 from mdrive_sumo.v2x.content import (
     CAM,
     CPM,
+    FLOOD,
     MAX_NAME_BYTES,
     MAX_NAMES,
     MAX_OBJECTS,
@@ -47,7 +48,7 @@ from mdrive_sumo.v2x.content import (
 )
 
 __all__ = [
-    "CAM", "CPM", "MCM", "TEXT", "TYPES",
+    "CAM", "CPM", "MCM", "TEXT", "FLOOD", "TYPES",
     "MAX_NAME_BYTES", "MAX_NAMES", "MAX_OBJECTS", "MAX_PAYLOAD_BYTES", "MAX_POINTS", "MAX_SECTORS", "MAX_TEXT_BYTES",
     "MESSAGE_REACH_M",
     "Cam", "Content", "Cpm", "Direction", "Intention", "Mcm", "MessageError", "ReferencePose",
