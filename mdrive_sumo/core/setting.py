@@ -43,8 +43,8 @@ class SettingFacts(TypedDict, total=False):
     bounds: tuple[float, float | None]
     typed: str | int
     absent: Scalar
+    hides_default: bool
     is_identity: bool
-    is_written_as_default: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +67,11 @@ class Setting:
     """The default as a user types it, of a setting whose value is no scalar."""
     absent: Scalar | None = None
     """What results from before the setting are read as; "": unknown; None: the default."""
+    hides_default: bool = False
+    """Whether files and reports leave out its default. A setting that came later has it, so that runs of the behaviour
+    before it keep their identity and their files."""
     is_identity: bool = True
     """Whether runs that differ in it are different runs. Settings of how a run is executed are not part of it."""
-    is_written_as_default: bool = True
-    """False: files have it only if it is not the default, so that runs from before it stay the same runs."""
     owner: type = NoneType
     """The class that has the field. This and the following are read from the class."""
     field: str = ""
@@ -106,9 +107,9 @@ class Setting:
             return self.typed
         return self.write(self.default)
 
-    def is_written(self, value: Any) -> bool:
-        """Return whether files have the setting if it has this value."""
-        return self.is_written_as_default or value != self.default
+    def is_hidden(self, value: Any) -> bool:
+        """Return whether files and reports leave out this value, in the setting's type or as files hold it."""
+        return self.hides_default and value == self.default
 
     def write(self, value: Any) -> Scalar:
         """Return the value of a scalar setting as files hold it."""

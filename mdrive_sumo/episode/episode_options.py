@@ -76,7 +76,7 @@ class EpisodeOptions:
     attack: str = setting(
         NO_ATTACK,
         metavar="KIND[:OPTION=VALUE,...]",
-        is_written_as_default=False,
+        hides_default=True,
         help=f"Stations that lie: {', '.join(AttackKind)}; by=ID+ID, or share=PERCENT of among=cavs|rsus|all, names or"
         " draws them (one CAV by default). docs/attacks.md has the options of each kind.",
     )
@@ -111,8 +111,8 @@ class EpisodeOptions:
 
     def to_dict(self) -> dict[str, Scalar]:
         """Return the options as journal and recordings hold them; the inverse of `from_dict`."""
-        values = {condition: getattr(self, condition.field) for condition in CONDITIONS}
-        scalars = {one.key: one.write(value) for one, value in values.items() if one.is_written(value)}
+        values = ((condition, getattr(self, condition.field)) for condition in CONDITIONS)
+        scalars = {one.key: one.write(value) for one, value in values if not one.is_hidden(value)}
         return {"comm": format_comm_json(self.comm), "agent_clock": self.clock.text, **scalars}
 
     @classmethod

@@ -122,7 +122,7 @@ def _facts(results: Results) -> str:
         "suite": f"{clean_for_markdown(run.suite_label)}, checksum {format_markdown_code(run.suite_checksum)}",
         "seeds" if len(run.all_seeds) > 1 else "seed": ", ".join(map(str, run.all_seeds)),
         "score mode": clean_for_markdown(run.score_mode),
-        **{name: clean_for_markdown(str(value)) for name, value in run.conditions.items()},
+        **{name: clean_for_markdown(str(value)) for name, value in run.shown_conditions.items()},
         "command": format_markdown_code(shlex.join(run.command)),
         "versions": clean_for_markdown(
             ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items()))

@@ -1,12 +1,12 @@
 """The format of `results.json`: DS, RC and SR in percent, IP in [0, 1], all with 6 decimals."""
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
 from mdrive_sumo.contract import TrackName
 from mdrive_sumo.core.checksum import SHORT_CHECKSUM
-from mdrive_sumo.core.setting import Scalar, Setting
+from mdrive_sumo.core.setting import Scalar
 from mdrive_sumo.core.state import End
 from mdrive_sumo.core.statistics import Label
 from mdrive_sumo.episode.episode_options import CONDITIONS
@@ -240,6 +240,12 @@ class _RunFacts(_Part):
         return {label: "unknown" if value == "" else value for label, value in values.items()}
 
     @property
+    def shown_conditions(self) -> dict[str, Scalar]:
+        """The conditions without those that reports leave out because they have their default."""
+        hidden = {one.label for one in CONDITIONS if one.is_hidden(getattr(self, one.key))}
+        return {label: value for label, value in self.conditions.items() if label not in hidden}
+
+    @property
     def suite_label(self) -> str:
         """Name of the suite with any season, as people read it: `mdrive@0`."""
         return read_stored_name(self.suite)
@@ -263,14 +269,6 @@ class _RunFacts(_Part):
         return result.key if len(self.all_seeds) > 1 else (result.id, self.seed)
 
 
-def _make_condition_field(one: Setting) -> Any:
-    """Return the field of a condition; what files from before it are read as is its default there."""
-    absent = one.write(one.default) if one.absent is None else one.absent
-    if one.is_written_as_default:
-        return Field(default=absent)
-    return Field(default=absent, exclude_if=lambda value: value == absent)
-
-
 if TYPE_CHECKING:
     RunInfo = _RunFacts
 else:
@@ -279,7 +277,16 @@ else:
         __base__=_RunFacts,
         __doc__="What was run, with what.",
         __module__=__name__,
-        **{one.key: (one.stored_kind, _make_condition_field(one)) for one in CONDITIONS},
+        **{
+            one.key: (
+                one.stored_kind,
+                Field(
+                    default=one.write(one.default) if one.absent is None else one.absent,
+                    exclude_if=one.is_hidden if one.hides_default else None,
+                ),
+            )
+            for one in CONDITIONS
+        },
     )
     # One field for each condition: a new one needs no line here. Results from before it have its default, unless
     # that is not how episodes then were: `Setting.absent`.

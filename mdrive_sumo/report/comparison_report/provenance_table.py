@@ -41,7 +41,7 @@ def build_provenance_table(agents: Sequence[ComparedAgent], name: str = "provena
 def _describe_run(agent: ComparedAgent, run: ReportRun) -> tuple[str, ...]:
     info = run.results.run
     comm = info.comm.get("preset", "-") if info.comm.get("on", True) else "off"
-    settings = {"channel": comm, "clock": info.agent_clock, **info.conditions}
+    settings = {"channel": comm, "clock": info.agent_clock, **info.shown_conditions}
     return (
         agent.name,
         ", ".join(info.labels) or "-",

@@ -27,7 +27,7 @@ def _list_facts(results: Results, fingerprint: Mapping[str, Any]) -> Iterator[Fa
     yield "checksum of the suite", run.suite_checksum
     yield "seeds" if len(run.all_seeds) > 1 else "seed", ", ".join(map(str, run.all_seeds))
     yield "score mode", run.score_mode
-    for name, value in run.conditions.items():
+    for name, value in run.shown_conditions.items():
         yield name, str(value)
     yield "agent clock", run.agent_clock
     yield "channel", ", ".join(f"{name} {_format(value)}" for name, value in run.comm.items())

@@ -101,13 +101,14 @@ def test_a_corrupt_value_is_refused(key: str) -> None:
 
 def test_results_describe_every_option() -> None:
     assert set(OPTIONS.to_dict()) <= set(RunInfo.model_fields)
-    assert set(RunInfo.model_validate(FACTS).conditions) == {"actors", "friction", "ids", "sensing"}
+    assert set(RunInfo.model_validate(FACTS).conditions) == {"actors", "friction", "ids", "sensing", "attack"}
     assert RunInfo.model_validate(FACTS | {"sensing": "perfect"}).conditions["sensing"] == "perfect"
 
 
 def test_results_from_before_a_condition_state_only_what_was_so() -> None:
     """Roads were dry and road users those of today; ids were the scenario's, and sensing was another one."""
     conditions = {"actors": "default", "friction": "dry", "ids": "unknown", "sensing": "unknown"}
+    conditions["attack"] = "none"
     info = RunInfo.model_validate(FACTS)
     assert (info.conditions, info.model_dump()["ids"], info.model_dump()["sensing"]) == (conditions, "", "")
     written = RunInfo.model_validate(FACTS | EpisodeOptions().to_dict() | {"comm": {}}).model_dump()
@@ -145,7 +146,7 @@ def test_every_setting_has_an_option() -> None:
 def test_every_setting_of_the_identity_is_in_a_journal_and_no_other() -> None:
     identity = {one.key for one in list_settings(RunConfig) if one.is_identity}
     limits = {"agent_limits": {"tick": 30.0}, "agent": "mine.py:Mine"}
-    config = RunConfig.parse(**limits, others="idm", penetration=50, seeds=2)  # pyright: ignore
+    config = RunConfig.parse(**limits, others="idm", penetration=50, seeds=2, attack="hide")  # pyright: ignore
     assert identity | {"seed"} == {*config.to_dict()}
 
 
