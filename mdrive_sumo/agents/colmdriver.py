@@ -23,9 +23,9 @@ class ColmdriverRuleAgent:
         self._options = DrivingOptions(self.name, config, COMPATIBILITY_OPTIONS)
         self._compat_ego0 = bool(self._options.values.get("compat_ego0", 0))
 
-    def build_negotiator(self, seed: int) -> RuleNegotiator | LlmNegotiator:  # noqa: ARG002  (a language model needs it)
+    def build_negotiator(self, briefing: Briefing) -> RuleNegotiator | LlmNegotiator:
         """Return the negotiator that resolves the conflicts."""
-        return RuleNegotiator(compat_ego0=self._compat_ego0)
+        return RuleNegotiator(compat_ego0=self._compat_ego0, rate=briefing.v2x_rate)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Return the sensor of visible boxes."""
@@ -35,7 +35,7 @@ class ColmdriverRuleAgent:
         """Prepare the negotiation; the path needs the first observation, which has the heading of the car."""
         self._briefing = briefing = self._options.adapt_briefing(briefing)
         self._tracker = ObjectTracker(briefing, self._options.find_detector(briefing))
-        self._negotiation = NegotiationInterface(briefing, self.build_negotiator(briefing.seed), stops=True)
+        self._negotiation = NegotiationInterface(briefing, self.build_negotiator(briefing), stops=True)
         self._ego_planner: EgoPlanner | None = None
 
     def act(self, seen: Observation) -> Reply:
@@ -70,6 +70,7 @@ class ColmdriverAgent(ColmdriverRuleAgent):
         self._settings, self._instant = read_llm_options(self.name, negotiation, DRIVING)
         super().__init__({name: value for name, value in config.items() if name in DRIVING})
 
-    def build_negotiator(self, seed: int) -> LlmNegotiator:
+    def build_negotiator(self, briefing: Briefing) -> LlmNegotiator:
         """Return a negotiator that asks the model; where it gives nothing usable the rule decides."""
-        return LlmNegotiator(LanguageModel(self._settings, seed), self._instant)
+        model = LanguageModel(self._settings, briefing.seed)
+        return LlmNegotiator(model, self._instant, rate=briefing.v2x_rate)

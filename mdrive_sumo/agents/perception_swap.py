@@ -23,7 +23,7 @@ from mdrive_sumo.contract import (
 from mdrive_sumo.contract.agent_options import Config, read_options
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool
-from mdrive_sumo.perception.late_fusion import FusionLimits, LateFusion
+from mdrive_sumo.perception.late_fusion import ETSI_FUSION, FUSION, FusionLimits, LateFusion
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
 from mdrive_sumo.v2x.awareness_service import AwarenessService
@@ -86,7 +86,8 @@ class PerceptionSwapAgent:
         """Prepare fusion and sending; the path needs the first observation, which has the heading of the car."""
         self._briefing = briefing
         limits = FusionLimits(PERCEPTION_SWAP.max_senders, PERCEPTION_SWAP.max_sender_distance_m)
-        self._fusion = LateFusion(briefing.vehicle, limits)
+        accumulates = briefing.v2x_rate == "etsi"
+        self._fusion = LateFusion(briefing.vehicle, limits, ETSI_FUSION if accumulates else FUSION, accumulates)
         self._awareness = AwarenessService(briefing, PERCEPTION_SWAP.range_m, self.detector)
         self._route: tuple[ReferencePath, StopLines] | None = None
         self._s, self._hold_until_tick = 0.0, 0

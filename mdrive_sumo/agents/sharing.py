@@ -1,5 +1,7 @@
 """`single`, `sharing` and `sharing+negotiation`: one driver by own detections, those of others, agreements."""
 
+from collections.abc import Mapping
+
 from mdrive_sumo.contract import Briefing, Detections, Note, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
 from mdrive_sumo.core.frozen import build_frozen
@@ -7,7 +9,11 @@ from mdrive_sumo.negotiation import NegotiationInterface, RuleNegotiator
 from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.driving_options import DrivingOptions
 from mdrive_sumo.planning.ego_planner import EgoPlanner, exclude_objects
+from mdrive_sumo.planning.motion_prediction import PredictedMotion
+from mdrive_sumo.planning.warned_motion import predict_braking_station
 from mdrive_sumo.v2x.awareness_service import AwarenessService
+from mdrive_sumo.v2x.messages import EventCause
+from mdrive_sumo.v2x.services.event_table import EventTable
 
 
 class SingleAgent:
@@ -36,19 +42,25 @@ class SingleAgent:
             self._ego_planner = EgoPlanner(self._briefing, seen.own, cruise_speed)
         return self._ego_planner
 
+    def _predict_warned_motions(self, seen: Observation) -> Mapping[str, PredictedMotion]:  # noqa: ARG002
+        """Return the motions of which others have warned, by station; an agent without messages knows of none."""
+        return {}
+
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due."""
         car, detections = self._get_planner(seen), None
         notes: tuple[Note, ...] = ()
         if car.track_ego(seen):
+            warned = self._predict_warned_motions(seen)
             tracked = self._tracker.update(seen)
             detections = Detections.from_objects(tracked)
-            notes = car.update_plan(seen, tracked, sigmas=self._tracker.position_sigmas)
+            others = exclude_objects(tracked, warned)
+            notes = car.update_plan(seen, others, [*warned.values()], sigmas=self._tracker.position_sigmas)
         return build_frozen(Reply, None, car.planner.build_plan(seen.tick), (), notes, detections)
 
 
 class SharingAgent(SingleAgent):
-    """The planner and tracker of `single`, fed also with CAMs and CPMs of CAVs and road-side units."""
+    """The planner and tracker of `single`, fed also with CAMs, CPMs and DENMs of CAVs and road-side units."""
 
     label = "sharing"
     name = "sharing"
@@ -62,10 +74,20 @@ class SharingAgent(SingleAgent):
         super().start(briefing)
         detector = self._options.find_detector(self._briefing)
         self._awareness = AwarenessService(self._briefing, self._options.find_range(self._briefing), detector)
+        self._events = EventTable()
+
+    def _receive(self, seen: Observation) -> tuple[Note, ...]:
+        """Store what others report; return notes on new warnings and unreadable messages."""
+        return self._tracker.receive(seen.messages) + self._events.receive(seen.messages)
+
+    def _predict_warned_motions(self, seen: Observation) -> Mapping[str, PredictedMotion]:
+        """Return the motions of the stations that have warned of their emergency braking."""
+        events = self._events.find_events(seen.tick, EventCause.DANGEROUS_SITUATION)
+        return {name.sender: predict_braking_station(name.sender, denm, seen.tick) for name, denm in events.items()}
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with the own state and detections."""
-        notes = self._tracker.receive(seen.messages)
+        notes = self._receive(seen)
         reply = super().act(seen)
         messages = self._awareness.compose_messages(seen)
         return build_frozen(Reply, None, reply.plan, messages, notes + reply.notes, reply.detections)
@@ -80,19 +102,23 @@ class SharingNegotiationAgent(SharingAgent):
     def start(self, briefing: Briefing) -> None:
         """Prepare as `sharing` does, and the negotiation."""
         super().start(briefing)
-        self._negotiation = NegotiationInterface(briefing, RuleNegotiator(passing=True), stops=False)
+        self._negotiation = NegotiationInterface(
+            briefing, RuleNegotiator(passing=True, rate=briefing.v2x_rate), stops=False
+        )
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with detections, plan and claims."""
         car, detections = self._get_planner(seen), None
         planner = car.planner
-        notes = self._tracker.receive(seen.messages)
+        notes = self._receive(seen)
         self._negotiation.receive(seen)
         if car.track_ego(seen):
             names, motions = self._negotiation.predict_announced_motions(seen, planner)
             tracked = self._tracker.update(seen)
             detections = Detections.from_objects(tracked)
-            others = exclude_objects(tracked, names)
+            warned = self._predict_warned_motions(seen)
+            motions += [motion for name, motion in warned.items() if name not in names]
+            others = exclude_objects(tracked, names | warned.keys())
             notes += car.update_plan(seen, others, motions, sigmas=self._tracker.position_sigmas)
         plan = planner.build_plan(seen.tick)
         step = self._negotiation.negotiate(seen, planner, plan.points)

@@ -88,6 +88,10 @@ class JunctionControl:
     """Arc length [m] along the route at which it leaves the junction or ring; its end, if that lies in there."""
 
 
+V2xRate = Literal["fixed", "etsi"]
+"""When stations of built-in agents send: every 100 ms, or by the rules of ETSI's services (docs/v2x.md)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Briefing(DeferredField):
     """All that an agent is told before the first tick."""
@@ -129,3 +133,6 @@ class Briefing(DeferredField):
     desired_speed: float | None = PROTOCOL_SPEED
     """Speed [m/s] that the scenario asks CAVs to drive where the road allows it; None: the limits of the road
     (`route_speed_limit`). Nothing enforces it; score mode `hard` counts speed above the limits of the road."""
+    v2x_rate: V2xRate = "fixed"
+    """How often the run asks stations to send (`eval --v2x-rate`). Built-in agents and road-side units do; nothing
+    enforces it."""

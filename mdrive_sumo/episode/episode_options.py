@@ -15,6 +15,7 @@ from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.v2x.attacks.attack_settings import NO_ATTACK, AttackKind, AttackSettings, parse_attack
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json, parse_comm
+from mdrive_sumo.v2x.services.sending_rate import SendingRate
 
 
 class StationIds(StrEnum):
@@ -34,6 +35,7 @@ class EpisodeArguments(TypedDict, total=False):
     ids: str
     sensing: str
     attack: str
+    v2x_rate: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,13 @@ class EpisodeOptions:
         " draws them (one CAV by default). docs/attacks.md has the options of each kind.",
     )
     """The attack as text, see `v2x.attacks.attack_settings`; "none": every station sends what its agent sends."""
+    v2x_rate: SendingRate = setting(
+        SendingRate.FIXED,
+        hides_default=True,
+        help="When built-in agents and road-side units send: at 10 Hz (MCMs at 5 Hz); or by the rules of ETSI's"
+        " services, with DENMs.",
+    )
+    """When stations send CAMs, CPMs, MCMs and DENMs."""
 
     def __post_init__(self) -> None:
         attack = self.parsed_attack

@@ -85,7 +85,7 @@ class EpisodeSimulation:
         """Whether every CAV has ended and the last frame is recorded."""
         seed = derive_seed(config.seed, scenario.id, "sensing")
         common = SensorContext(config.roads, WEATHERS[scenario.weather], seed, config.options.sensing)
-        self._roadside = RoadsideUnits(scenario.rsus if config.options.comm.on else (), common)
+        self._roadside = RoadsideUnits(scenario.rsus if config.options.comm.on else (), common, config.options.v2x_rate)
         self._senses = ObservationBuilder(sensors, self.briefings, common)
         show_lamps = any(SENSOR_KINDS[spec.kind].shows_lamps for specs in sensors.values() for spec in specs)
         self._signal_lamps = SignalLampObserver(config.roads) if show_lamps else None
@@ -183,6 +183,7 @@ class EpisodeSimulation:
             briefing = build_briefing(
                 ego, config.roads, vehicle, seed, limit_s, detector,
                 pseudonym=config.pseudonyms[ego.id], desired_speed=desired_speed,
+                v2x_rate=config.options.v2x_rate.value,
             )  # fmt: skip
             if config.options.clock.kind == "measured":
                 _ = briefing.route_room  # computed now: it is no think time

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from mdrive_sumo.contract import Message, Note
+from mdrive_sumo.contract.briefing import V2xRate
 from mdrive_sumo.negotiation.conflict_graph import (
     CONFLICT,
     STEP_TICKS,
@@ -22,6 +23,7 @@ from mdrive_sumo.negotiation.conversation import (
 )
 from mdrive_sumo.negotiation.critic import Critique, avoid_slow_keeping, evaluate_actions
 from mdrive_sumo.negotiation.language_model import LanguageModel
+from mdrive_sumo.negotiation.mcm_sending import McmSending
 from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationMember, NegotiationStep
 from mdrive_sumo.negotiation.peer_table import PeerTable
 from mdrive_sumo.negotiation.prompt import (
@@ -107,7 +109,8 @@ class LlmNegotiator:
     """Speaks for one CAV. In every round each member in turn sends one message over the channel, in its own ticks.
 
     instant: a compatibility switch: the most central member speaks for all, completes all rounds within one tick, and
-    announces the outcome. Where the model gives nothing usable the rule decides, and that is noted.
+    announces the outcome. Where the model gives nothing usable the rule decides, and that is noted. rate: see
+    `Briefing.v2x_rate`.
     """
 
     def __init__(
@@ -115,9 +118,11 @@ class LlmNegotiator:
         model: LanguageModel,
         instant: bool = False,
         parameters: LlmNegotiationParameters = LLM_NEGOTIATION,
+        rate: V2xRate = "fixed",
     ) -> None:
         self._model, self._instant, self._parameters = model, instant, parameters
-        self.peers = PeerTable()
+        self._sending = McmSending(rate)
+        self.peers = PeerTable(self._sending.memory_ticks)
         self._conversation: Conversation | None = None
         self._recent: list[tuple[int, Message, Utterance]] = []
         """Utterances of the last ticks: those of a conversation may arrive before the own conflict is detected."""
@@ -149,8 +154,10 @@ class LlmNegotiator:
         if not self._obey_request(tick, me.id, members):
             messages += self._speak(tick, me.id, members)
         if is_due or self._has_new_terms:
-            messages.append(build_mcm_message(me, tick, self._get_valid_terms(tick)))
-            self.peers.receive(messages[-1])
+            mcm = build_mcm_message(me, tick, self._get_valid_terms(tick))
+            if self._sending.is_due(tick, mcm):
+                messages.append(mcm)
+                self.peers.receive(mcm)
         self._collect_model_notes()
         return NegotiationStep(self.get_valid_decision(tick), tuple(messages), self._take_due_notes())
 

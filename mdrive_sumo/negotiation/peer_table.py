@@ -11,6 +11,8 @@ from mdrive_sumo.v2x.shared_reading import decode_shared
 
 MEMORY_TICKS = TICKS_PER_SECOND
 """A station that has been silent for longer is dropped."""
+ETSI_MEMORY_TICKS = 2 * TICKS_PER_SECOND + TICKS_PER_SECOND // 4
+"""The same under `--v2x-rate etsi`, where MCMs come once a second at least: one may be lost, and take 250 ms."""
 
 PeerView: TypeAlias = tuple[tuple[str, bytes, int], ...]
 """All that predictions of members depend on: by station its name, the payload of its MCM and the age of that [ticks].
@@ -24,7 +26,9 @@ class PeerTable:
     view, and a rule applied to it gives the same result everywhere.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, memory_ticks: int = MEMORY_TICKS) -> None:
+        """memory_ticks: a station that has been silent for longer is dropped."""
+        self._memory_ticks = memory_ticks
         self._latest: dict[str, tuple[int, Mcm, bytes]] = {}
         """By station: tick of sending, content and payload."""
 
@@ -43,7 +47,7 @@ class PeerTable:
 
     def _get_latest(self, tick: int) -> dict[str, tuple[int, Mcm, bytes]]:
         """Return the entries by station, sorted by station; drop stations that have been silent for too long."""
-        self._latest = {name: entry for name, entry in self._latest.items() if tick - entry[0] <= MEMORY_TICKS}
+        self._latest = {name: entry for name, entry in self._latest.items() if tick - entry[0] <= self._memory_ticks}
         return {name: self._latest[name] for name in sorted(self._latest)}
 
     def get_latest_mcms(self, tick: int) -> dict[str, Mcm]:

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from mdrive_sumo.contract import Message
+from mdrive_sumo.contract.briefing import V2xRate
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.negotiation.conflict_graph import (
@@ -18,6 +19,7 @@ from mdrive_sumo.negotiation.conflict_graph import (
     find_next_planning_tick,
 )
 from mdrive_sumo.negotiation.intention import replace_slow_keep
+from mdrive_sumo.negotiation.mcm_sending import McmSending
 from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationMember, NegotiationStep
 from mdrive_sumo.negotiation.peer_table import PeerTable, PeerView, predict_view
 from mdrive_sumo.negotiation.right_of_way_claims import (
@@ -79,12 +81,14 @@ class RuleNegotiator:
     A conflict is settled once: while a claim holds, the winner stays first, even when it is no longer the nearest.
     passing: the losers do not stop; the group lines up by the times at which its members enter the shared areas, and
     they pass one behind the other. compat_ego0: reproduce a defect of the original, see protocol 10.5: the first
-    station of all stops when it holds a decision of its own while others negotiate without it.
+    station of all stops when it holds a decision of its own while others negotiate without it. rate: see
+    `Briefing.v2x_rate`.
     """
 
-    def __init__(self, passing: bool = False, compat_ego0: bool = False) -> None:
+    def __init__(self, passing: bool = False, compat_ego0: bool = False, rate: V2xRate = "fixed") -> None:
         self._passing, self._compat_ego0 = passing, compat_ego0
-        self.peers = PeerTable()
+        self._sending = McmSending(rate)
+        self.peers = PeerTable(self._sending.memory_ticks)
         self._settled_by_id: dict[str, tuple[bool, int]] = {}
         """By other station: whether it goes first, and until which tick that holds."""
         self._decision: NegotiationDecision | None = None
@@ -105,6 +109,8 @@ class RuleNegotiator:
         claims = collect_claims(mcm_by_station, tick)
         self._update_decision(tick, me.id, self.peers.get_view(tick), claims)
         message = build_mcm_message(me, tick, self._build_terms(me, tick, mcm_by_station, claims))
+        if not self._sending.is_due(tick, message):
+            return NegotiationStep(self.get_valid_decision(tick))
         self.peers.receive(message)
         return NegotiationStep(self.get_valid_decision(tick), (message,))
 

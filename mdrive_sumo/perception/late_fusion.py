@@ -39,6 +39,8 @@ class FusionLimits:
 
 
 FUSION = FusionParameters()
+ETSI_FUSION = replace(FUSION, memory_ticks=2 * TICKS_PER_SECOND + TICKS_PER_SECOND // 4)
+"""Under `--v2x-rate etsi` stations tell of an object once a second at least, and one of these messages may be lost."""
 
 
 class LateFusion:
@@ -49,9 +51,16 @@ class LateFusion:
     """
 
     def __init__(
-        self, vehicle: VehicleFacts, limits: FusionLimits | None = None, parameters: FusionParameters = FUSION
+        self,
+        vehicle: VehicleFacts,
+        limits: FusionLimits | None = None,
+        parameters: FusionParameters = FUSION,
+        accumulates: bool = False,
     ) -> None:
-        """vehicle: the own one; stations that report their position but not their size are assumed to have its size."""
+        """vehicle: the own one; stations that report their position but not their size are assumed to have its size.
+        accumulates: whether a CPM has a part of what its sender detects (`--v2x-rate etsi`), so that those before it
+        count as well."""
+        self._accumulates = accumulates
         self._size, self._limits, self._parameters = (vehicle.length, vehicle.width), limits, parameters
         self._cam_by_station: dict[str, tuple[int, Cam]] = {}
         self._cpm_by_station: dict[str, tuple[int, Cpm]] = {}
@@ -76,7 +85,10 @@ class LateFusion:
         tick = content.pose.tick
         last_tick = self._cam_by_station[sender][0] if sender in self._cam_by_station else -1
         if isinstance(content, Cpm):
-            if tick >= self._cpm_by_station.get(sender, (-1,))[0]:
+            before = self._cpm_by_station.get(sender)
+            if before is None or tick >= before[0]:
+                if before is not None and self._accumulates:
+                    content = _add_earlier(content, before[1], self._parameters.memory_ticks)
                 self._cpm_by_station[sender] = tick, content
         elif isinstance(content, Cam):
             if tick >= last_tick:
@@ -143,6 +155,18 @@ def _predict_reported(tick: int, sender: str, cpm: Cpm) -> Objects:
     ages = (tick - cpm.pose.tick + cpm.age.astype(np.float64)) * DT
     names = tuple(f"{sender}:{name}" for name in cpm.objects.ids)
     return replace(cpm.objects, ids=names).advance(ages)
+
+
+def _add_earlier(cpm: Cpm, before: Cpm, memory_ticks: int) -> Cpm:
+    """Return a CPM with the objects of an earlier one that it does not have, as much older; without those too old."""
+    elapsed_ticks = cpm.pose.tick - before.pose.tick
+    ages = before.age.astype(np.int64) + elapsed_ticks
+    is_kept = np.array([name not in cpm.objects.ids for name in before.objects.ids], dtype=np.bool_)
+    is_kept &= ages <= memory_ticks
+    objects = cpm.objects.concat(before.objects.take(is_kept))
+    ages = np.concatenate((cpm.age, ages[is_kept].astype(np.uint8)))
+    sigmas = [one.sigmas if len(one.sigmas) else np.zeros((len(one.objects.ids), 3)) for one in (cpm, before)]
+    return replace(cpm, objects=objects, age=ages, sigmas=np.vstack((sigmas[0], sigmas[1][is_kept])))
 
 
 def _associate(known: Objects, reported: Objects, parameters: FusionParameters) -> list[tuple[int, int]]:

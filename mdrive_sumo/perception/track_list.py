@@ -37,9 +37,13 @@ class TrackOrigins:
 class TrackList:
     """All tracks of one CAV."""
 
-    def __init__(self, is_confirmed_at_once: bool, parameters: TrackingParameters) -> None:
-        """is_confirmed_at_once: whether the detectors in use have no false positives."""
-        self._is_confirmed_at_once, self._parameters = is_confirmed_at_once, parameters
+    def __init__(
+        self, is_confirmed_at_once: bool, parameters: TrackingParameters, believes_reports: bool = False
+    ) -> None:
+        """is_confirmed_at_once: whether the detectors in use have no false positives. believes_reports: whether what a
+        station tells of is no false positive, because it has confirmed that itself."""
+        self._is_confirmed_at_once, self._believes_reports = is_confirmed_at_once, believes_reports
+        self._parameters = parameters
         self._tracks = np.zeros(0, TRACK)
         self._names = TrackOrigins()
         self._next_number = 0
@@ -74,7 +78,8 @@ class TrackList:
 
     def _append(self, tick: int, new: Measurements) -> None:
         """Begin a track for every measurement."""
-        is_confirmed = self._is_confirmed_at_once or tick < self._parameters.warm_ticks or new.sources[0] == STATIONS
+        is_believed = new.sources[0] == STATIONS or (self._believes_reports and new.sources[0] != OWN_SENSOR)
+        is_confirmed = self._is_confirmed_at_once or tick < self._parameters.warm_ticks or is_believed
         self._tracks = start_tracks(self._tracks, tick, self._next_number, new, is_confirmed, self._parameters)
         for source, name in zip(new.rows["source"].tolist(), new.names, strict=True):
             self._names.source_by_number[self._next_number] = new.sources[source]

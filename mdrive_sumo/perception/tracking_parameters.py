@@ -1,7 +1,7 @@
 """Parameters of multi-object tracking, each with its unit and its reason."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 
@@ -76,3 +76,10 @@ class TrackingParameters:
 
 
 TRACKING = TrackingParameters()
+ETSI_TRACKING = replace(
+    TRACKING,
+    coasting_ticks=2 * TICKS_PER_SECOND + TICKS_PER_SECOND // 4,
+    standing_coasting_ticks=3 * TICKS_PER_SECOND,
+)
+"""Under `--v2x-rate etsi` stations tell of an object once a second at least. One of these messages may be lost, and the
+next take 250 ms to be used: until then the object is kept; a standing one while another is lost."""

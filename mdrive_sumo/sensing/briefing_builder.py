@@ -8,7 +8,7 @@ import numpy.typing as npt
 import shapely
 
 from mdrive_sumo.contract import Briefing, StopSign, TrafficLight, VehicleFacts
-from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
+from mdrive_sumo.contract.briefing import PROTOCOL_SPEED, V2xRate
 from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import WorldError
@@ -29,6 +29,7 @@ def build_briefing(
     *,
     pseudonym: str = "",
     desired_speed: float | None = PROTOCOL_SPEED,
+    v2x_rate: V2xRate = "fixed",
 ) -> Briefing:
     """Return the briefing for the agent of one CAV, by default under its id; its free width is measured when read."""
     route = Polyline(ego.xy)
@@ -49,6 +50,7 @@ def build_briefing(
         junctions=tuple(find_junctions(ego.lanes, roads, route)),
         standard_detector=standard_detector,
         desired_speed=desired_speed,
+        v2x_rate=v2x_rate,
     )
     briefing.defer(partial(_measure_room, roads, ego))
     return briefing

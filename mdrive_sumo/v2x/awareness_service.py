@@ -1,4 +1,6 @@
-"""Cooperative awareness and collective perception services of a CAV (ETSI EN 302 637-2 and TS 103 324)."""
+"""Cooperative awareness, collective perception and warnings of a CAV (ETSI EN 302 637-2, TS 103 324, EN 302 637-3)."""
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,19 +10,33 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import TICKS_PER_SECOND
-from mdrive_sumo.v2x.messages import MAX_OBJECTS, MAX_SECTORS, MESSAGE_REACH_M, Cam, Cpm, ReferencePose, encode
+from mdrive_sumo.v2x.content import MAX_PACKET_BYTES
+from mdrive_sumo.v2x.encoding import CPM_BYTES, HEADER_BYTES, OBJECT_BYTES
+from mdrive_sumo.v2x.messages import MAX_OBJECTS, MAX_SECTORS, MESSAGE_REACH_M, Cam, Cpm, Denm, ReferencePose, encode
+from mdrive_sumo.v2x.services.cam_rule import CamRule, StationMotion
+from mdrive_sumo.v2x.services.cpm_rule import CpmRule, DueCpm
+from mdrive_sumo.v2x.services.denm_rule import DenmRule, SenderFacts
+from mdrive_sumo.v2x.services.hazard_detector import HazardDetector
 
 INTERVAL_TICKS = TICKS_PER_SECOND // 10
 """CAMs and CPMs are sent at 10 Hz, the fastest that ETSI allows (EN 302 637-2, TS 103 324)."""
+PATH_STEP_M, PATH_POINTS, PATH_REACH_M = 10.0, 23, 300.0
+"""[m] The path history of a CAM has a point for every so many metres, at most so many: the last 230 m, within what a
+message can carry. Ours; profiles of series cars ask for 200 m at least."""
 
 
 class AwarenessService:
-    """Composes the CAMs and CPMs of one CAV."""
+    """Composes the CAMs, CPMs and DENMs of one CAV, when the sending rate of the episode says (`Briefing.v2x_rate`).
+
+    `fixed`: a CAM and a CPM in every interval of 100 ms, no DENM. `etsi`: by the rules in `v2x.services`, which are
+    checked in the same intervals.
+    """
 
     def __init__(self, briefing: Briefing, range_m: float, detector: str = IDEAL) -> None:
         """Configure the service; detector: error profile of the own detections, which states their age and errors."""
         self._vehicle, self._range, self._profile = briefing.vehicle, range_m, PROFILES[detector]
         self._due_tick = 0
+        self._services = None if briefing.v2x_rate == "fixed" else _EtsiServices(briefing, self._profile)
 
     def compose_messages(self, observation: Observation) -> tuple[Message, ...]:
         """Return the messages of this tick; a CAV without observation in the due tick sends with its next one."""
@@ -32,11 +48,60 @@ class AwarenessService:
         size = self._vehicle.length, self._vehicle.width
         cam = Cam(pose, own.speed, own.acceleration, own.yaw_rate, *size, own.speed_sigma)
         objects = _select_objects(observation.objects, own.x, own.y)
-        return encode(cam), encode(build_cpm(pose, self._range, objects, self._profile))
+        if self._services is None:
+            return encode(cam), encode(build_cpm(pose, self._range, objects, self._profile))
+        contents: list[Cam | Cpm | Denm] = []
+        if (due_cam := self._services.check_cam(cam)) is not None:
+            contents.append(due_cam)
+        due = self._services.cpm_rule.check(pose.tick, objects, count_fitting_objects(objects))
+        if due is not None:
+            contents.append(build_cpm(pose, self._range, take_due(objects, due), self._profile))
+        contents += self._services.check_denms(observation, cam, objects)
+        return tuple(encode(content) for content in contents)
 
     def postpone(self, tick: int) -> None:
         """Wait for the next interval: the messages of this one have been sent in `tick`, also by another service."""
         self._due_tick = tick - tick % INTERVAL_TICKS + INTERVAL_TICKS
+
+
+class _EtsiServices:
+    """The rules of ETSI's services for one CAV, and what they remember."""
+
+    def __init__(self, briefing: Briefing, profile: DetectionProfile) -> None:
+        self.cpm_rule = CpmRule(profile)
+        self._cam_rule, self._denm_rule = CamRule(), DenmRule()
+        self._hazards = HazardDetector(briefing)
+        self._path: list[tuple[float, float]] = []
+        """Former places [m], the latest last."""
+
+    def check_cam(self, cam: Cam) -> Cam | None:
+        """Return the CAM that is to be sent, None if none is due."""
+        pose = cam.pose
+        due = self._cam_rule.check(pose.tick, StationMotion(pose.x, pose.y, pose.yaw, cam.speed))
+        path = [place for place in self._path if portable.distance(place, (pose.x, pose.y)) < PATH_REACH_M]
+        if not path or portable.distance(path[-1], (pose.x, pose.y)) >= PATH_STEP_M:
+            self._path = [*path, (pose.x, pose.y)][-PATH_POINTS:]
+        if due is None or not due.has_low_frequency:
+            return due and cam
+        return replace(cam, path_history=np.array(path[::-1], dtype=np.float64).reshape(-1, 2))
+
+    def check_denms(self, observation: Observation, cam: Cam, objects: Objects) -> list[Denm]:
+        """Return the DENMs that are to be sent. Call it after the CPM, which knows what is no false positive."""
+        hazards = self._hazards.detect(observation, objects.take(self.cpm_rule.find_confirmed(objects)))
+        sender = SenderFacts(cam.pose, cam.speed, cam.length, cam.width)
+        return self._denm_rule.check(observation.tick, sender, hazards)
+
+
+def count_fitting_objects(objects: Objects) -> int:
+    """Return the number of objects that fit into one packet with the free sight that these have."""
+    free_bytes = MAX_PACKET_BYTES - HEADER_BYTES - CPM_BYTES - len(objects.free_m)
+    return min(free_bytes // OBJECT_BYTES, MAX_OBJECTS)
+
+
+def take_due(objects: Objects, due: DueCpm) -> Objects:
+    """Return the objects of a CPM that is due, the most useful first, with the free sight if it is due as well."""
+    taken = objects.take(due.rows)
+    return taken if due.has_sensor_information else replace(taken, free_m=np.zeros(0))
 
 
 def build_cpm(

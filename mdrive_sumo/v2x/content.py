@@ -13,11 +13,15 @@ import numpy.typing as npt
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Float
 
-CAM, CPM, MCM, TEXT = "cam", "cpm", "mcm", "text"
-TYPES = (CAM, CPM, MCM, TEXT)
+CAM, CPM, MCM, DENM, TEXT = "cam", "cpm", "mcm", "denm", "text"
+TYPES = (CAM, CPM, MCM, DENM, TEXT)
 FLOOD = "(flood)"
 """Type of an attacker's useless bytes, which no agent can use and no agent reads."""
 MAX_OBJECTS, MAX_SECTORS, MAX_POINTS, MAX_NAMES = 255, 255, 100, 32
+MAX_PATH_POINTS = 40
+"""Points of a path history at most (ETSI TS 102 894-2, PathHistory)."""
+MAX_PACKET_BYTES = 1398
+"""Payload of one GeoNetworking packet at most [bytes] (ETSI EN 302 636-4-1, itsGnMaxSduSize)."""
 MAX_NAME_BYTES = 80
 """Bytes of a name in UTF-8: ids of scenarios have at most 80 characters (`scenario_part.Identifier`)."""
 MAX_TEXT_BYTES = 8192
@@ -52,6 +56,25 @@ class Direction(IntEnum):
     STRAIGHT = 3
     CHANGE_LEFT = 4
     CHANGE_RIGHT = 5
+
+
+class EventCause(IntEnum):
+    """What a DENM warns of: cause codes of ETSI TS 102 894-2."""
+
+    STATIONARY_VEHICLE = 94
+    """The sender stands where others drive."""
+    COLLISION_RISK = 97
+    """The sender is about to collide."""
+    DANGEROUS_SITUATION = 99
+    """The sender brakes as hard as it can (sub cause 1: the electronic emergency brake is engaged)."""
+
+
+class Termination(IntEnum):
+    """Whether a DENM ends its event (EN 302 637-3)."""
+
+    NONE = 0
+    CANCELLATION = 1
+    """The station that detected the event says that it is over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +113,8 @@ class Cam:
     """Width of the box [m]."""
     speed_sigma: float = 0.0
     """Standard deviation of the error of the speed [m/s]."""
+    path_history: Float | None = None
+    """(K, 2) former places [m], the latest first: the low-frequency container; None: the CAM has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +164,40 @@ class Mcm:
     """Tick until which the requests are valid."""
 
 
-Content: TypeAlias = Cam | Cpm | Mcm | str
+@dataclass(frozen=True, slots=True)
+class Denm:
+    """Decentralised environmental notification message: an event, and the motion of the sender.
+
+    Sender and `sequence` together name the event (the action id of ETSI EN 302 637-3); repetitions have the same.
+    """
+
+    pose: ReferencePose
+    """Where the sender is, at the reference time: when this content was made. Repetitions have new ones."""
+    sequence: int
+    """Number of the event among those of its sender, 0 to 65535."""
+    cause: EventCause
+    """What has happened."""
+    sub_cause: int
+    """Its sub cause code of ETSI TS 102 894-2, 0 to 255; 0: not known."""
+    x: float
+    """x of the event in the world frame [m]."""
+    y: float
+    """y of the event in the world frame [m]."""
+    detection_tick: int
+    """When the sender detected the event."""
+    validity_s: float
+    """[s] The event is over this long after the tick of the pose, unless another DENM comes; at most 6553.5 s."""
+    speed: float
+    """Of the sender, along its heading [m/s]."""
+    length: float
+    """Length of the sender's box [m]."""
+    width: float
+    """Width of the sender's box [m]."""
+    termination: Termination = Termination.NONE
+    """Whether the event has ended."""
+
+
+Content: TypeAlias = Cam | Cpm | Mcm | Denm | str
 
 
 def format_track_name(number: int) -> str:

@@ -162,9 +162,9 @@ static PyObject *v2x_encoding_decode_points(PyObject *module, PyObject *const *a
     return result;
 }
 
-static PyObject *v2x_encoding_encode_cam(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+static PyObject *v2x_encoding_encode_high_frequency(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
     double fields[6];
-    if (!expect_arguments("encode_cam", count, 2, 2) || !read_fields(arguments[0], &CAM_FIELDS, fields)) return NULL;
+    if (!expect_arguments("encode_high_frequency", count, 2, 2) || !read_fields(arguments[0], &CAM_FIELDS, fields)) return NULL;
     unsigned char bytes[CAM_BYTES];
     Writer to = {bytes};
     long long value;
@@ -476,7 +476,7 @@ Functions v2x_encoding = {
     FUNCTION(v2x_encoding_decode_pose),
     FUNCTION(v2x_encoding_encode_points),
     FUNCTION(v2x_encoding_decode_points),
-    FUNCTION(v2x_encoding_encode_cam),
+    FUNCTION(v2x_encoding_encode_high_frequency),
     FUNCTION(v2x_encoding_encode_cpm),
     FUNCTION(v2x_encoding_parse_cpm),
     FUNCTION(v2x_encoding_build_cpm),

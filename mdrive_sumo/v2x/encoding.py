@@ -18,6 +18,7 @@ from mdrive_sumo.core.geometry import TAU, Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.v2x.content import (
     MAX_OBJECTS,
+    MAX_PATH_POINTS,
     MAX_PLACE_M,
     MAX_SECTORS,
     MESSAGE_REACH_M,
@@ -36,6 +37,7 @@ _OBJECT = np.dtype(
     [("track", "<u4"), ("kind", "u1"), ("xy", "<i2", 2), ("yaw", "<u2"), ("speed", "<i2"), ("size", "<u2", 2),
      ("age", "u1"), ("sigmas", "u1", 3)]
 )  # fmt: skip
+_POINT_BYTES = 4
 _KIND_AT = 4
 """Offset of the kind in `_OBJECT`."""
 _LAST_KIND = max(Kind)
@@ -44,6 +46,10 @@ _CENTI = 100.0
 _SIGMA_STEPS = np.array((100.0, math.degrees(10.0), 100.0))
 """Steps in 1 m, 1 rad and 1 m/s of the standard deviations of an object."""
 HEADER_BYTES = _HEADER.size
+CPM_BYTES = _CPM.size
+"""Of a CPM without objects and free sight, after the header."""
+OBJECT_BYTES = _OBJECT.itemsize
+"""Of an object in a CPM."""
 LAST_TICK = 2**32 - 1
 
 
@@ -111,9 +117,19 @@ def decode_points(pose: ReferencePose, data: bytes, /) -> Float:
     return _rotate(local / _CENTI, pose.yaw) + np.array((pose.x, pose.y))
 
 
+def encode_cam(cam: Cam, pose: ReferencePose) -> bytes:
+    """Return the body of a CAM, without header; `pose` is the rounded pose that the receiver reads."""
+    path = cam.path_history
+    if path is None:
+        return encode_high_frequency(cam, pose)
+    if len(path) > MAX_PATH_POINTS:
+        raise MessageError(f"expected at most {MAX_PATH_POINTS} points of the path history, found {len(path)}")
+    return encode_high_frequency(cam, pose) + bytes((len(path),)) + encode_points(pose, path)
+
+
 @twin
-def encode_cam(cam: Cam, _: ReferencePose, /) -> bytes:
-    """Return the body of a CAM, without header."""
+def encode_high_frequency(cam: Cam, _: ReferencePose, /) -> bytes:
+    """Return the high-frequency container of a CAM, which every CAM has."""
     signed = (cam.speed * _CENTI, cam.acceleration * _CENTI, cam.yaw_rate * 1000)
     size = (cam.length * _CENTI, cam.width * _CENTI)
     return _CAM.pack(
@@ -123,19 +139,36 @@ def encode_cam(cam: Cam, _: ReferencePose, /) -> bytes:
     )
 
 
-def parse_cam(body: bytes) -> tuple[int, ...]:
+class CamParts(NamedTuple):
+    """The fields of a CAM body."""
+
+    numbers: tuple[int, ...]
+    path: bytes | None
+    """None: it has no low-frequency container."""
+
+
+def parse_cam(body: bytes) -> CamParts:
     """Return the fields of a CAM body. Raises MessageError."""
-    if len(body) != _CAM.size:
-        raise MessageError(f"expected {_CAM.size} bytes after the header, found {len(body)}")
-    return _CAM.unpack(body)
+    size = _CAM.size
+    if len(body) == size:
+        return CamParts(_CAM.unpack(body), None)
+    count = body[size] if len(body) > size else 0
+    if count > MAX_PATH_POINTS or len(body) != size + 1 + _POINT_BYTES * count:
+        raise MessageError(
+            f"expected {size} bytes after the header, or {size + 1} and {_POINT_BYTES} for each point of the path"
+            f" history, found {len(body)}"
+        )
+    return CamParts(_CAM.unpack_from(body), body[size + 1 :])
 
 
-def build_cam(pose: ReferencePose, parts: tuple[int, ...]) -> Cam:
+def build_cam(pose: ReferencePose, parts: CamParts) -> Cam:
     """Return the CAM of these fields."""
-    speed, acceleration, yaw_rate, length, width, sigma = parts
+    speed, acceleration, yaw_rate, length, width, sigma = parts.numbers
+    path = None if parts.path is None else decode_points(pose, parts.path)
     return Cam(
-        pose, speed / _CENTI, acceleration / _CENTI, yaw_rate / 1000, length / _CENTI, width / _CENTI, sigma / _CENTI
-    )
+        pose, speed / _CENTI, acceleration / _CENTI, yaw_rate / 1000, length / _CENTI, width / _CENTI, sigma / _CENTI,
+        path,
+    )  # fmt: skip
 
 
 class CpmParts(NamedTuple):

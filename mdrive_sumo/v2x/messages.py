@@ -1,15 +1,16 @@
-"""CAM, CPM, MCM and text: the messages of V2X stations and their encoding.
+"""CAM, CPM, MCM, DENM and text: the messages of V2X stations and their encoding.
 
 The meaning follows ETSI: CAM (EN 302 637-2) has the sender's own state, CPM (TS 103 324) its detections and free sight,
-MCM (TS 103 561) its plan, desired trajectory, requests and answers. The bytes are our own, not ASN.1:
-little-endian, positions in steps of 1 cm, angles of 0.01 degrees, speeds of 1 cm/s. As in ETSI's messages everything is
-relative to the sender's reference pose, which alone is in the world frame: an error of the sender's pose shifts and
-rotates the whole content. Arguments and results here are in the world frame, SI units, box centres.
+MCM (TS 103 561) its plan, desired trajectory, requests and answers, DENM (EN 302 637-3) an event. The bytes are our
+own, not ASN.1: little-endian, positions in steps of 1 cm, angles of 0.01 degrees, speeds of 1 cm/s. As in ETSI's
+messages everything is relative to the sender's reference pose, which alone is in the world frame: an error of the
+sender's pose shifts and rotates the whole content. Arguments and results here are in the world frame, SI units, box
+centres.
 
 Poses are the sender's estimates; they and detections carry standard deviations, as ETSI's confidences.
 
-Sizes: header 18 bytes; CAM + 11; CPM + 5 + 21 an object + 1 a sector of free sight; MCM + 14 + 4 a point + (2 + its
-UTF-8 bytes) a name. docs/v2x.md has the tables.
+Sizes: header 18 bytes; CAM + 11, with its low-frequency container + 1 + 4 a point; CPM + 5 + 21 an object + 1 a sector
+of free sight; MCM + 14 + 4 a point + (2 + its UTF-8 bytes) a name; DENM + 21. docs/v2x.md has the tables.
 """
 
 import struct
@@ -19,10 +20,11 @@ from typing import Any, NamedTuple
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core.frozen import build_frozen
-from mdrive_sumo.v2x import encoding, mcm_encoding
+from mdrive_sumo.v2x import denm_encoding, encoding, mcm_encoding
 from mdrive_sumo.v2x.content import (
     CAM,
     CPM,
+    DENM,
     FLOOD,
     MAX_NAME_BYTES,
     MAX_NAMES,
@@ -38,20 +40,24 @@ from mdrive_sumo.v2x.content import (
     Cam,
     Content,
     Cpm,
+    Denm,
     Direction,
+    EventCause,
     Intention,
     Mcm,
     MessageError,
     ReferencePose,
+    Termination,
     format_track_name,
     parse_track_name,
 )
 
 __all__ = [
-    "CAM", "CPM", "MCM", "TEXT", "FLOOD", "TYPES",
+    "CAM", "CPM", "DENM", "MCM", "TEXT", "FLOOD", "TYPES",
     "MAX_NAME_BYTES", "MAX_NAMES", "MAX_OBJECTS", "MAX_PAYLOAD_BYTES", "MAX_POINTS", "MAX_SECTORS", "MAX_TEXT_BYTES",
     "MESSAGE_REACH_M",
-    "Cam", "Content", "Cpm", "Direction", "Intention", "Mcm", "MessageError", "ReferencePose",
+    "Cam", "Content", "Cpm", "Denm", "Direction", "EventCause", "Intention", "Mcm", "MessageError", "ReferencePose",
+    "Termination",
     "decode", "encode", "displace_message", "find_problem", "format_track_name", "parse_track_name",
 ]  # fmt: skip
 
@@ -68,8 +74,9 @@ _CODECS: Mapping[str, _Codec] = {
     CAM: _Codec(4, encoding.encode_cam, encoding.parse_cam, encoding.build_cam),
     CPM: _Codec(5, encoding.encode_cpm, encoding.parse_cpm, encoding.build_cpm),
     MCM: _Codec(6, mcm_encoding.encode_mcm, mcm_encoding.parse_mcm, mcm_encoding.build_mcm),
+    DENM: _Codec(7, denm_encoding.encode_denm, denm_encoding.parse_denm, denm_encoding.build_denm),
 }
-_NAMES: Mapping[type, str] = {Cam: CAM, Cpm: CPM, Mcm: MCM}
+_NAMES: Mapping[type, str] = {Cam: CAM, Cpm: CPM, Mcm: MCM, Denm: DENM}
 
 
 def encode(content: Content) -> Message:

@@ -11,7 +11,7 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.state import MOTION_AND_SIZE
 from mdrive_sumo.v2x import messages
-from mdrive_sumo.v2x.content import Content, Cpm, Mcm
+from mdrive_sumo.v2x.content import Cam, Content, Cpm, Mcm
 
 CACHED_PAYLOADS = 1024
 """Two seconds of 12 CAVs at the most: each sends 10 CAMs and CPMs and 5 MCMs a second."""
@@ -47,4 +47,6 @@ def decode_payload(type_: str, payload: bytes) -> Content:
     elif isinstance(content, Mcm):
         for points in (content.planned, content.desired):
             points.setflags(write=False)
+    elif isinstance(content, Cam) and content.path_history is not None:
+        content.path_history.setflags(write=False)
     return content

@@ -9,10 +9,13 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.v2x.messages import (
     Cam,
     Cpm,
+    Denm,
     Direction,
+    EventCause,
     Intention,
     Mcm,
     ReferencePose,
+    Termination,
     format_track_name,
 )
 
@@ -37,14 +40,38 @@ names = st.dictionaries(st.text(string.ascii_letters + "äß_-", min_size=1, max
 
 @st.composite
 def cams(draw: st.DrawFn) -> Cam:
+    pose, seed = draw(poses), draw(st.none() | st.integers(0, 999))
+    rng = np.random.default_rng(seed)
+    place = np.array((pose.x, pose.y))
+    path = None if seed is None else place + rng.uniform(-200, 200, (draw(st.integers(0, 40)), 2))
     return Cam(
-        draw(poses),
+        pose,
         draw(within(90)),
         draw(within(90)),
         draw(within(9)),
         draw(st.floats(0, 30)),
         draw(st.floats(0, 5)),
         draw(st.floats(0, 2.5)),
+        path,
+    )
+
+
+@st.composite
+def denms(draw: st.DrawFn) -> Denm:
+    pose = draw(poses)
+    return Denm(
+        pose,
+        sequence=draw(st.integers(0, 2**16 - 1)),
+        cause=draw(st.sampled_from(EventCause)),
+        sub_cause=draw(st.integers(0, 255)),
+        x=pose.x + draw(within(200.0)),
+        y=pose.y + draw(within(200.0)),
+        detection_tick=draw(st.integers(0, 2**32 - 1)),
+        validity_s=draw(st.integers(0, 65535)) / 10,
+        speed=draw(within(90)),
+        length=draw(st.floats(0, 30)),
+        width=draw(st.floats(0, 5)),
+        termination=draw(st.sampled_from(Termination)),
     )
 
 
@@ -94,7 +121,7 @@ def mcms(draw: st.DrawFn) -> Mcm:
 
 
 texts = st.text(max_size=200)
-contents = st.one_of(cams(), cpms(), mcms(), texts)
+contents = st.one_of(cams(), cpms(), mcms(), denms(), texts)
 
 
 PLACE = ReferencePose(100.0, 50.0, 0.3, 9)

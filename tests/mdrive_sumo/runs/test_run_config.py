@@ -101,14 +101,15 @@ def test_a_corrupt_value_is_refused(key: str) -> None:
 
 def test_results_describe_every_option() -> None:
     assert set(OPTIONS.to_dict()) <= set(RunInfo.model_fields)
-    assert set(RunInfo.model_validate(FACTS).conditions) == {"actors", "friction", "ids", "sensing", "attack"}
+    conditions = RunInfo.model_validate(FACTS).conditions
+    assert set(conditions) == {"actors", "friction", "ids", "sensing", "v2x rate", "attack"}
     assert RunInfo.model_validate(FACTS | {"sensing": "perfect"}).conditions["sensing"] == "perfect"
 
 
 def test_results_from_before_a_condition_state_only_what_was_so() -> None:
     """Roads were dry and road users those of today; ids were the scenario's, and sensing was another one."""
     conditions = {"actors": "default", "friction": "dry", "ids": "unknown", "sensing": "unknown"}
-    conditions["attack"] = "none"
+    conditions |= {"attack": "none", "v2x rate": "fixed"}
     info = RunInfo.model_validate(FACTS)
     assert (info.conditions, info.model_dump()["ids"], info.model_dump()["sensing"]) == (conditions, "", "")
     written = RunInfo.model_validate(FACTS | EpisodeOptions().to_dict() | {"comm": {}}).model_dump()

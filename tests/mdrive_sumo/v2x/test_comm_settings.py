@@ -60,7 +60,10 @@ def test_unusable_links_are_refused(wrong: dict[str, Any], why: str) -> None:
         ({"header_bytes": -1}, "header_bytes"),
         ({"header_bytes": 65536}, "header_bytes"),
         ({"on": 1}, "on: expected true or false"),
-        ({"by_type": {"denm": LinkSettings()}}, "unknown type of message 'denm', expected one of cam, cpm, mcm, text"),
+        (
+            {"by_type": {"vam": LinkSettings()}},
+            "'vam', expected one of cam, cpm, mcm, denm, text",
+        ),
         *(
             ({"mute": (pattern,)}, "mute: expected SENDER/TYPE")
             for pattern in ("", "a", "a/", "/cam", "a/b/c", "a/b@x")
@@ -120,7 +123,7 @@ def test_what_is_left_out_is_ideal() -> None:
         ({"delay": 1}, "unknown option 'delay'"),
         ({"cam.budget_bytes_s": 1}, "unknown option 'cam.budget_bytes_s'"),
         ({".loss": 0.5}, "unknown option '.loss'"),
-        ({"denm.loss": 0.5}, "unknown type of message 'denm'"),
+        ({"vam.loss": 0.5}, "unknown type of message 'vam'"),
         ({"preset": "perfect"}, "unknown preset 'perfect'"),
         ({"preset": 3}, "preset: expected a text"),
         ({"on": "yes"}, "on: expected true or false"),
@@ -209,8 +212,8 @@ def test_values_for_all_types_and_for_some(
         ({"comm_latency": "99999"}, "latency_ticks: expected a whole number of ticks from 0 to 10000"),
         ({"comm_latency": ""}, "expected a whole number"),
         ({"comm_latency": "6,7"}, "expected a whole number"),
-        ({"comm_latency": "cam=6,cam=7"}, "each type of cam, cpm, mcm, text at most once, found 'cam'"),
-        ({"comm_latency": "denm=6"}, "found 'denm'"),
+        ({"comm_latency": "cam=6,cam=7"}, "each type of cam, cpm, mcm, denm, text at most once, found 'cam'"),
+        ({"comm_latency": "vam=6"}, "found 'vam'"),
         ({"comm_latency": "=6"}, "found ''"),
         ({"comm_loss": "1.5"}, r"--comm-loss 1.5: loss: expected a probability in \[0, 1\]"),
         ({"comm_loss": "nan"}, "loss: expected a probability"),

@@ -32,7 +32,7 @@ def test_headers(pose: ReferencePose) -> None:
 
 @given(cam=st.one_of(cams(), st.builds(Cam, st.just(PLACE), ANY, ANY, ANY, ANY, ANY, ANY)))
 def test_cams(cam: Cam) -> None:
-    compare_twins("v2x_encoding_encode_cam", cam, cam.pose)
+    compare_twins("v2x_encoding_encode_high_frequency", cam, cam.pose)
 
 
 @given(pose=poses, local=LOCAL, data=st.binary(max_size=21))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.message_samples import HEADER, OBJECT, PLACE, cams, contents, cpm_with, cpms, mcms, texts, within
+from testing.message_samples import HEADER, OBJECT, PLACE, cams, contents, cpm_with, cpms, denms, mcms, texts, within
 
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.v2x import messages
@@ -16,6 +16,7 @@ from mdrive_sumo.v2x.comm_settings import CommSettings
 from mdrive_sumo.v2x.messages import (
     CAM,
     CPM,
+    DENM,
     MAX_OBJECTS,
     MAX_PAYLOAD_BYTES,
     MAX_SECTORS,
@@ -26,9 +27,12 @@ from mdrive_sumo.v2x.messages import (
     Cam,
     Content,
     Cpm,
+    Denm,
+    EventCause,
     Mcm,
     MessageError,
     ReferencePose,
+    Termination,
     decode,
     displace_message,
     encode,
@@ -97,6 +101,42 @@ def test_an_mcm_comes_back_within_a_step(mcm: Mcm) -> None:
     assert [getattr(read, name) for name in exact] == [getattr(mcm, name) for name in exact]
 
 
+@given(denms())
+def test_a_denm_comes_back_within_a_step(denm: Denm) -> None:
+    read = decode(encode(denm))
+    assert isinstance(read, Denm)
+    assert_same_pose(denm.pose, read.pose)
+    exact = ("sequence", "cause", "sub_cause", "detection_tick", "validity_s", "termination")
+    assert [getattr(read, name) for name in exact] == [getattr(denm, name) for name in exact]
+    assert math.hypot(read.x - denm.x, read.y - denm.y) < STEP_M * math.sqrt(2)
+    told, found = ((one.speed, one.length, one.width) for one in (denm, read))
+    assert np.allclose(told, found, 0, STEP_M)
+
+
+def test_bytes_of_a_denm_are_the_documented_ones() -> None:
+    pose = ReferencePose(12.34, -5.0, math.pi / 2, 7)
+    denm = Denm(
+        pose, sequence=258, cause=EventCause.DANGEROUS_SITUATION, sub_cause=1, x=12.34, y=5.0, detection_tick=6,
+        validity_s=1.5, speed=10.0, length=4.9, width=2.0, termination=Termination.CANCELLATION,
+    )  # fmt: skip
+    # sequence, tick 6, cause 99, sub cause 1, cancellation, 1000 cm ahead, validity 15, 1000 cm/s, 490 cm, 200 cm
+    assert encode(denm).payload.hex()[2 * HEADER :] == "0201" + "06000000" + "630101" + "e8030000" + "0f00e803ea01c800"
+
+
+def test_the_event_of_a_denm_moves_with_its_sender() -> None:
+    pose = ReferencePose(10.0, 20.0, 0.0, 7)
+    denm = Denm(pose, 0, EventCause.COLLISION_RISK, 2, 30.0, 20.0, 7, 1.0, 5.0, 4.9, 2.0)
+    moved = decode(displace_message(encode(denm), 1.0, 2.0, math.pi / 2))
+    assert isinstance(moved, Denm)
+    assert (moved.pose.x, moved.pose.y) == (11.0, 22.0) and (moved.x, moved.y) == pytest.approx((11.0, 42.0), abs=0.02)
+
+
+def test_the_path_history_of_a_cam_comes_back_within_a_step() -> None:
+    path = np.array(((5.0, 20.0), (-5.0, 21.0)))
+    read = decode(encode(Cam(ReferencePose(10.0, 20.0, 0.4, 7), 5.0, 0.0, 0.0, 4.9, 2.0, path_history=path)))
+    assert isinstance(read, Cam) and read.path_history == pytest.approx(path, abs=0.01)
+
+
 @given(texts)
 def test_a_text_comes_back(text: str) -> None:
     assert decode(encode(text)) == text
@@ -113,7 +153,10 @@ def documented_size(content: Content) -> int:
     if isinstance(content, str):
         return len(content.encode())
     if isinstance(content, Cam):
-        return HEADER + 11
+        path = content.path_history
+        return HEADER + 11 + (0 if path is None else 1 + 4 * len(path))
+    if isinstance(content, Denm):
+        return HEADER + 21
     if isinstance(content, Cpm):
         return HEADER + 5 + OBJECT * len(content.objects.ids) + len(content.objects.free_m)
     named = [*content.requests, *content.answers, *content.group]
@@ -234,7 +277,7 @@ def test_other_names_are_no_track_names(name: str) -> None:
 
 def test_everything_public_is_importable_from_messages() -> None:
     assert [name for name in messages.__all__ if not hasattr(messages, name)] == []
-    assert {CAM, CPM, MCM, TEXT} == set(TYPES) and MESSAGE_REACH_M == 327.67
+    assert {CAM, CPM, MCM, DENM, TEXT} == set(TYPES) and MESSAGE_REACH_M == 327.67
 
 
 def send(said: Mapping[int, Mapping[str, tuple[Message, ...]]]) -> tuple[SentMessage, ...]:
