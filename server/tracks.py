@@ -1,7 +1,7 @@
 """Tracks: which messages the CAVs of an agent may exchange. The channel enforces it, whatever the agent declares.
 
 single-agent         the channel is off: no messages, none of road-side units either
-perception-sharing   CAM and CPM arrive; texts, manoeuvres (MCM) and own message types are lost
+perception-sharing   CAM and CPM arrive; texts, manoeuvres (MCM), warnings (DENM) and own types are lost
 negotiation          everything arrives
 joint                one program for all CAVs, which needs no messages; they arrive nevertheless
 """

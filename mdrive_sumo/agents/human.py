@@ -17,7 +17,7 @@ from mdrive_sumo.planning.driving_options import DrivingOptions
 from mdrive_sumo.v2x.awareness_service import AwarenessService
 
 V2X = Choice("sharing", ("sharing", "off"))
-"""What the car sends by itself: CAMs and CPMs as `sharing` does, or nothing."""
+"""What the car sends by itself: CAMs, CPMs and DENMs as `sharing` does, or nothing."""
 DEVICE = Choice(DEVICES[0], DEVICES)
 LATENCY_MS = Option(0, 0, 60_000)
 """[ms] Median time from an input to the tick that uses it, as measured."""

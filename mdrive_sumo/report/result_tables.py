@@ -1,5 +1,6 @@
 """Tables of a run's results, and its summary for the terminal, about 100 columns wide at most."""
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -9,6 +10,7 @@ from mdrive_sumo.core.tables import CellValue, Column, Table, format_text, make_
 from mdrive_sumo.scoring import Means, Results, RunInfo, ScenarioResult, compute_mean_intervals
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
 from mdrive_sumo.scoring.summary import count_scenarios
+from mdrive_sumo.v2x.message_rates import MessageRate
 
 SCORE_COLUMNS = (
     Column("ds", "DS"),
@@ -185,6 +187,37 @@ def describe_malformed(results: Results) -> str:
     return f"{counts.total()} messages, dropped: {kinds}"
 
 
+def compute_mean_rates(results: Results) -> dict[str, MessageRate]:
+    """Return what was sent in a second by type, over the time of all episodes; empty at fixed intervals."""
+    episodes = [result for result in results.scenarios if result.sent_rates]
+    ticks = float(sum(result.ticks for result in episodes))
+    types = sorted({name for result in episodes for name in result.sent_rates})
+    return {name: _compute_mean_rate(name, episodes, ticks) for name in types}
+
+
+def _compute_mean_rate(name: str, episodes: Sequence[ScenarioResult], ticks: float) -> MessageRate:
+    rates = [(one.ticks, one.sent_rates[name]) for one in episodes if name in one.sent_rates]
+    messages = math.fsum(count * rate.messages_s for count, rate in rates)
+    return MessageRate(messages / ticks, math.fsum(count * rate.bytes_s for count, rate in rates) / ticks)
+
+
+def describe_rates(results: Results) -> str:
+    """Return "cam 9.3/s 429 B/s, cpm 17.1/s 1088 B/s"; "" at fixed intervals."""
+    rates = compute_mean_rates(results).items()
+    return ", ".join(f"{name} {messages:.1f}/s {size:.0f} B/s" for name, (messages, size) in rates)
+
+
+def build_rate_table(results: Results) -> Table:
+    """Return messages and bytes in a second by type; without rows at fixed intervals."""
+    columns = (
+        *make_text_columns({"type": "type"}),
+        Column("messages_s", "messages/s"),
+        Column("bytes_s", "bytes/s", decimals=0),
+    )
+    rates = compute_mean_rates(results).items()
+    return Table("sent", "Messages", columns, tuple(make_row((name, *numbers)) for name, numbers in rates))
+
+
 def _sorted(names: Iterable[str]) -> Counter[str]:
     counts = Counter(names)
     return Counter(dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
@@ -226,6 +259,7 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
         ("severity", _listed(count_collisions_by_severity(results))),
         ("void", str(results.void)),
         *((("notes", _listed(notes)),) if notes else ()),
+        *((("messages", rates),) if (rates := describe_rates(results)) else ()),
         *((("malformed", malformed),) if (malformed := describe_malformed(results)) else ()),
         *((("times", missing),) if (missing := describe_missing_reference(results)) else ()),
     )

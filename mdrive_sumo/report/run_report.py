@@ -25,6 +25,7 @@ from mdrive_sumo.report.result_tables import (
     SCORE_COLUMNS,
     TIMED_COLUMN,
     build_interval_table,
+    build_rate_table,
     build_role_table,
     build_score_table,
     count_collisions_by_severity,
@@ -64,6 +65,9 @@ BESIDE = """\
 No score depends on these: means over the scenarios in which each is defined. Minimum PET: least time from when a CAV
 or another road user leaves a place until the other takes it, at most 5 s. Comfort: share of the CAVs' time in which
 accelerations, jerks and yaw rate are within nuPlan's bounds. Messages: payload that all stations send in a second."""
+SENT = """\
+What all stations together send in a second, by type, over the time of all episodes: messages, and their payload in
+bytes. A message to many counts once."""
 INTERVALS = f"""\
 Means over seeds. {METHOD_NOTE}
 {TOO_FEW_NOTE}"""
@@ -93,6 +97,7 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         _format_noted(build_interval_table(results), INTERVALS),
         _format_noted(build_role_table(results), ROLES),
         *(("## Beside the score", BESIDE, _format_means(_scalar_table(results))) if results.overall.scalars else ()),
+        *(("## Messages", SENT, format_markdown(rates)) if (rates := build_rate_table(results)).rows else ()),
         "## How it ended",
         _counts("outcome", "CAVs", count_outcomes(results)),
         _counts("infraction", "times", count_infractions(results)),

@@ -86,6 +86,15 @@ class EgoResult(_Part):
     """Whether the second agent of a run with two (`--others`) drove it; absent where the agent under test did."""
 
 
+class SentRate(_Part):
+    """What all stations together send of one type of message, a message to many counting once."""
+
+    messages_s: Number
+    """Messages in a second of the episode."""
+    bytes_s: Number
+    """Payload bytes in a second of the episode, without headers."""
+
+
 class Means(_Part):
     """Driving score [%], success rates [%], route completion [%], infraction penalty [0, 1], time ratio."""
 
@@ -123,6 +132,9 @@ class ScenarioResult(Means):
     exchanged: dict[str, int] = Field(default_factory=lambda: {})
     """Messages of CAVs that reached another CAV, by type, beyond 32 types as (other). The labels of the run follow
     from them."""
+    sent_rates: dict[str, SentRate] = Field(default_factory=lambda: {}, exclude_if=lambda rates: not rates)
+    """What was sent in a second, by type, beyond 32 types as (other). Absent where stations send at fixed intervals
+    (`v2x_rate` fixed), as in all results from before there were other ones."""
     malformed: dict[str, int] = Field(default_factory=lambda: {}, exclude_if=_is_empty)
     """Messages that the channel dropped because their bytes are not valid for their type, by type and what is wrong;
     absent if there are none."""

@@ -91,6 +91,9 @@ def find_scenario_faults(result: ScenarioResult, mode: ScoreMode, seeds: Sequenc
         for kind, count in getattr(result, name).items():
             if count < 0:
                 yield f"{place}.{name}.{kind}: expected a number of at least 0, found {count}"
+    for kind, rate in result.sent_rates.items():
+        if rate.messages_s < 0 or rate.bytes_s < 0:
+            yield f"{place}.sent_rates.{kind}: expected rates of at least 0, found {rate.messages_s}, {rate.bytes_s}"
     for ego in result.egos:
         yield from _find_ego_faults(f"{place}.egos[{ego.id}]", ego, result.ticks)
     yield from _find_mean_faults(place, result, mode)

@@ -11,9 +11,11 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.scoring.efficiency import apply_reference_times
 from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records, list_scalar_metrics
-from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult, Speeding
+from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult, SentRate, Speeding
 from mdrive_sumo.scoring.score_mode import ScoreMode, compute_driving_score, compute_scenario_means
 from mdrive_sumo.v2x.channel import count_deliveries, count_exchanged, count_malformed
+from mdrive_sumo.v2x.message_rates import compute_message_rates
+from mdrive_sumo.v2x.services.sending_rate import SendingRate
 
 DROPPED = "(dropped)"
 
@@ -51,6 +53,7 @@ def score_episode(
         egos=tuple(_ego_result(record) for record in records),
         comm=count_deliveries(episode.messages),
         exchanged=count_exchanged(episode.messages, episode.ego_ids),
+        sent_rates=_compute_sent_rates(episode),
         malformed=count_malformed(episode.messages),
         sensing_track=episode.sensing_track,
         notes=_count_notes(episode),
@@ -89,6 +92,14 @@ def _count_notes(episode: EpisodeRecord) -> dict[str, int]:
     """
     counts = dict(Counter(record.note.kind for record in episode.notes if record.note.kind != REASON))
     return counts | ({DROPPED: episode.dropped_notes} if episode.dropped_notes else {})
+
+
+def _compute_sent_rates(episode: EpisodeRecord) -> dict[str, SentRate]:
+    """Return what was sent in a second by type, of an episode whose stations do not send at fixed intervals."""
+    if episode.about.get("v2x_rate", SendingRate.FIXED) == SendingRate.FIXED:
+        return {}
+    rates = compute_message_rates(episode.messages, episode.ticks)
+    return {name: SentRate(**rate._asdict()) for name, rate in rates.items()}
 
 
 def _means(records: Sequence[EgoRecord], mode: ScoreMode) -> dict[str, float]:

@@ -77,7 +77,7 @@ class ComparedAgent:
 
     @property
     def negotiates(self) -> bool:
-        """Whether its CAVs exchange anything beyond CAMs and CPMs."""
+        """Whether its CAVs exchange anything beyond CAMs, CPMs and DENMs."""
         return NEGOTIATION in self.results.run.labels
 
     @property

@@ -14,7 +14,7 @@ from testing.sampling import examples
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.perception.late_fusion import FUSION, FusionLimits, LateFusion
+from mdrive_sumo.perception.late_fusion import ETSI_FUSION, FUSION, FusionLimits, LateFusion
 from mdrive_sumo.v2x.messages import (
     CAM,
     CPM,
@@ -260,3 +260,25 @@ def test_older_messages_that_arrive_later_are_ignored() -> None:
     fusion.receive([cam("b", 20.0, tick=8), cpm("c", things((40.0, 0.0, 0.0, 0.0)), tick=8)])
     fusion.receive([cam("b", 90.0, tick=2), cpm("c", things((90.0, 9.0, 0.0, 0.0)), tick=2)])
     assert places(fusion.fuse(8, own(), NOTHING)) == [(20.0, 0.0), (40.0, 0.0)]
+
+
+def test_cpms_with_a_part_of_what_their_sender_detects_add_up() -> None:
+    one, other = things((30.0, 0.0, 0.0, 0.0), ids=["t00000001"]), things((40.0, 0.0, 0.0, 2.0), ids=["t00000002"])
+    moved = things((33.0, 0.0, 0.0, 0.0), ids=["t00000001"])
+    reports = [cpm("b", one), cpm("b", other, tick=10), cpm("b", moved, tick=20)]
+    known: dict[bool, list[list[tuple[float, float]]]] = {}
+    for accumulates in (False, True):
+        fusion = LateFusion(FACTS, None, ETSI_FUSION, accumulates)
+        fusion.receive(reports[:2])
+        before = places(fusion.fuse(10, own(), NOTHING))
+        fusion.receive(reports[2:])
+        known[accumulates] = [before, *(places(fusion.fuse(tick, own(), NOTHING)) for tick in (20, 66))]
+    assert known[False] == [[(40.0, 0.0)], [(33.0, 0.0)], []]
+    assert known[True] == [[(30.0, 0.0), (40.0, 0.0)], [(33.0, 0.0), (41.0, 0.0)], []]
+
+
+def test_a_part_that_is_too_old_is_dropped() -> None:
+    fusion = LateFusion(FACTS, None, ETSI_FUSION, accumulates=True)
+    one, other = things((30.0, 0.0, 0.0, 0.0), ids=["t00000001"]), things((40.0, 0.0, 0.0, 0.0), ids=["t00000002"])
+    fusion.receive([cpm("b", one), cpm("b", other, tick=ETSI_FUSION.memory_ticks + 1)])
+    assert places(fusion.fuse(ETSI_FUSION.memory_ticks + 1, own(), NOTHING)) == [(40.0, 0.0)]

@@ -16,20 +16,20 @@ from testing.sampling import examples
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE, PROFILES
 from mdrive_sumo.contract.reply_check import FARTHEST_M, are_within
-from mdrive_sumo.core.state import DT, Kind
+from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
 from mdrive_sumo.perception.measurements import MEASUREMENT, OWN_SENSOR, Measurements, Rows
 from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.perception.track_states import TRACK, correct, predict, start_tracks
 from mdrive_sumo.perception.tracking_parameters import TRACKING
 from mdrive_sumo.sensing.detection_noise import add_errors
-from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, ReferencePose, encode
+from mdrive_sumo.v2x.messages import Cam, Cpm, Denm, Direction, EventCause, Intention, Mcm, ReferencePose, encode
 
 REALISTIC = replace(briefing(), standard_detector=LIDAR_SINGLE)
 LATENCY = PROFILES[LIDAR_SINGLE].latency_ticks
 SIGMA = 0.2
 
 
-def sent(content: Cam | Cpm | Mcm, sender: str, tick: int = 0) -> Message:
+def sent(content: Cam | Cpm | Mcm | Denm, sender: str, tick: int = 0) -> Message:
     message = encode(content)
     return Message(message.type, message.payload, sender, tick)
 
@@ -265,6 +265,48 @@ def test_an_mcm_tells_where_its_sender_is_and_a_cam_of_that_tick_replaces_it() -
     alone.receive([sent(mcm, "cav_1")])
     found = alone.update(seen(0, own(), things()))
     assert (found.ids, found.length.tolist()) == (("cav_1",), [LENGTH])
+
+
+ETSI = replace(REALISTIC, v2x_rate="etsi")
+
+
+def test_by_the_rules_of_etsi_an_object_that_one_station_tells_of_once_is_believed_at_once_and_kept() -> None:
+    """A hidden car that stands is told of once a second, and one of these messages is lost."""
+    hidden = things((30.0, 20.0, 0.0, 0.0))
+
+    def messages(tick: int) -> list[Message]:
+        return [sent(cpm((20.0, 20.0), hidden, tick), "cav_1", tick)] if tick in (40, 80) else []
+
+    ticks = range(0, 160, 4)
+    found = run(ObjectTracker(ETSI, LIDAR_SINGLE), ticks, lambda _: things(), messages)
+    known = [tick for tick in ticks if found[tick].ids]
+    assert known == list(range(40, known[-1] + 1, 4)) and known[-1] >= 80 + 2 * TICKS_PER_SECOND
+    fixed = run(ObjectTracker(REALISTIC, LIDAR_SINGLE), ticks, lambda _: things(), messages)
+    assert not any(objects.ids for objects in fixed.values())
+
+
+def test_by_the_rules_of_etsi_all_cpms_since_the_last_update_count() -> None:
+    tracker = ObjectTracker(ETSI, LIDAR_SINGLE)
+    for tick in (0, 2):
+        car = things((30.0 + 10.0 * tick, 20.0, 0.0, 0.0), ids=[f"t{tick:08x}"])
+        tracker.receive([sent(cpm((20.0, 20.0), car, tick), name, tick) for name in ("cav_1", "cav_2")])
+    assert sorted(tracker.update(seen(4, own(), things())).x.tolist()) == pytest.approx([30.0, 50.0])
+
+
+def test_by_the_rules_of_etsi_an_own_detection_alone_is_believed_as_late_as_ever() -> None:
+    for about in (ETSI, REALISTIC):
+        tracker = ObjectTracker(about, LIDAR_SINGLE)
+        found = run(tracker, range(0, 60, 4), lambda tick: things(*([(30.0, 20.0, 0.0, 0.0)] if tick >= 40 else [])))
+        assert [tick for tick, objects in found.items() if objects.ids] == [52, 56]
+
+
+def test_a_denm_tells_where_its_sender_is() -> None:
+    pose = ReferencePose(30.0, 0.0, 0.0, 0)
+    denm = Denm(pose, 0, EventCause.DANGEROUS_SITUATION, 1, 30.0, 0.0, 0, 1.0, 4.0, 5.0, 2.1)
+    tracker = ObjectTracker(briefing(), IDEAL)
+    tracker.receive([sent(denm, "cav_1")])
+    found = tracker.update(seen(0, own(), things()))
+    assert (found.ids, found.length.tolist(), found.speed.tolist()) == (("cav_1",), [5.0], [4.0])
 
 
 def test_unreadable_messages_are_noted() -> None:

@@ -14,6 +14,7 @@ from mdrive_sumo.report.result_tables import (
 )
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarize_run
+from mdrive_sumo.scoring.results import SentRate
 
 
 def ego(name: str, outcome: str, reason: str = "", *infractions: tuple[str, float]) -> dict[str, Any]:
@@ -63,6 +64,19 @@ def test_malformed_messages_have_a_line_only_if_there_are_any(results: Results) 
 
 def test_results_without_malformed_messages_are_written_as_before(results: Results) -> None:
     assert all("malformed" not in one.model_dump(mode="json") for one in results.scenarios)
+
+
+def test_rates_are_means_over_time_and_have_a_line_only_where_they_vary(results: Results) -> None:
+    assert "messages" not in format_summary(results) and "## Messages" not in build_run_report(results)
+    rates = [{"cam": SentRate(messages_s=10.0, bytes_s=300.0)}, {"cam": SentRate(messages_s=4.0, bytes_s=120.0)}]
+    rates[1]["denm"] = SentRate(messages_s=1.0, bytes_s=39.0)
+    sent = [
+        one.model_copy(update={"sent_rates": rate, "ticks": ticks})
+        for one, rate, ticks in zip(results.scenarios, rates, (200, 100), strict=False)
+    ]
+    changed = summarize_run(results.run, [*sent, results.scenarios[2]])
+    assert "messages     cam 8.0/s 240 B/s, denm 0.3/s 13 B/s" in format_summary(changed).splitlines()
+    assert "| cam | 8.00 | 240 |" in build_run_report(changed)
 
 
 def test_text_table_aligns_names_left_and_numbers_right() -> None:

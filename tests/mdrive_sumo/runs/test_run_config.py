@@ -116,6 +116,19 @@ def test_results_from_before_a_condition_state_only_what_was_so() -> None:
     assert (written["ids"], written["sensing"]) == ("random", "realistic")
 
 
+def test_a_setting_that_came_later_is_written_only_where_it_is_not_its_default() -> None:
+    fixed, etsi = (RunConfig.parse("interdrive", "sharing", v2x_rate=rate) for rate in ("fixed", "etsi"))
+    assert "v2x_rate" not in fixed.to_dict() and etsi.to_dict()["v2x_rate"] == "etsi"
+    assert RunConfig.from_dict(etsi.to_dict()).options == etsi.options
+    assert fixed.default_folder("x") == RunConfig.parse("interdrive", "sharing").default_folder("x")
+    assert etsi.default_folder("x").name == f"{fixed.default_folder('x').name}-etsi-v2x_rate"
+    facts = {**FACTS, "comm": {}}
+    infos = [RunInfo.model_validate(facts | {"v2x_rate": rate}) for rate in ("fixed", "etsi")]
+    assert ["v2x_rate" in info.model_dump() for info in infos] == [False, True]
+    assert ["v2x rate" in info.shown_conditions for info in infos] == [False, True]
+    assert [info.conditions["v2x rate"] for info in infos] == ["fixed", "etsi"]
+
+
 def test_every_setting_has_its_line_for_type_checkers() -> None:
     """`RunArguments` are the arguments of `evaluate`, of which it declares two itself."""
     assert {"suite", "agent", *get_type_hints(RunArguments)} == {one.key for one in list_settings(RunConfig)}
@@ -147,7 +160,8 @@ def test_every_setting_has_an_option() -> None:
 def test_every_setting_of_the_identity_is_in_a_journal_and_no_other() -> None:
     identity = {one.key for one in list_settings(RunConfig) if one.is_identity}
     limits = {"agent_limits": {"tick": 30.0}, "agent": "mine.py:Mine"}
-    config = RunConfig.parse(**limits, others="idm", penetration=50, seeds=2, attack="hide")  # pyright: ignore
+    later = {"attack": "hide", "v2x_rate": "etsi"}
+    config = RunConfig.parse(**limits, **later, others="idm", penetration=50, seeds=2)  # pyright: ignore
     assert identity | {"seed"} == {*config.to_dict()}
 
 

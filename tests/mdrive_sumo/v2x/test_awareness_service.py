@@ -13,7 +13,18 @@ from testing.twins import compare_twins
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.contract.detector_profiles import LIDAR_SINGLE, PROFILES, DetectionProfile
 from mdrive_sumo.v2x.awareness_service import AwarenessService, compute_sigmas
-from mdrive_sumo.v2x.messages import CAM, CPM, MAX_OBJECTS, MESSAGE_REACH_M, Cam, Cpm, ReferencePose, decode
+from mdrive_sumo.v2x.messages import (
+    CAM,
+    CPM,
+    MAX_OBJECTS,
+    MESSAGE_REACH_M,
+    Cam,
+    Cpm,
+    Denm,
+    EventCause,
+    ReferencePose,
+    decode,
+)
 
 
 def sent(tick: int, objects: Objects, station: AwarenessService | None = None) -> tuple[Message, ...]:
@@ -88,6 +99,48 @@ def test_compiled_functions_return_what_the_python_text_does(
     compare_twins("v2x_awareness_service_find_rows_within", x, y, own, 2.0, 150.0)
     with pytest.raises(ValueError, match="expected as many y as x"):
         compute_sigmas(profile, pose, x, np.zeros(7))
+
+
+ETSI = replace(briefing(), v2x_rate="etsi")
+
+
+def drive(station: AwarenessService, speed: float, ticks: range, *rows: tuple[float, ...]) -> dict[int, list[object]]:
+    """Contents by tick of a car that drives along x among objects (x, y, yaw, speed)."""
+    sent: dict[int, list[object]] = {}
+    for tick in ticks:
+        state = own(speed * tick * 0.05, 0.0, 0.0, speed)
+        sent[tick] = [decode(one) for one in station.compose_messages(seen(tick, state, things(*rows)))]
+    return sent
+
+
+def test_by_the_rules_of_etsi_a_standing_car_sends_once_a_second() -> None:
+    sent = drive(AwarenessService(ETSI, 80.0), 0.0, range(61), (20.0, 3.0, 0.2, 0.0))
+    kinds = {tick: tuple(type(one) for one in contents) for tick, contents in sent.items() if contents}
+    assert kinds == dict.fromkeys((0, 20, 40, 60), (Cam, Cpm))
+
+
+def test_by_the_rules_of_etsi_cams_have_the_way_that_the_car_came() -> None:
+    sent = drive(AwarenessService(ETSI, 80.0), 10.0, range(81))
+    cams = [one for contents in sent.values() for one in contents if isinstance(one, Cam)]
+    assert [cam.pose.tick for cam in cams] == list(range(0, 81, 10))
+    assert [None if cam.path_history is None else len(cam.path_history) for cam in cams] == [0, 1, 1, 2, 2, 3, 3, 4, 4]
+    assert cams[-1].path_history == pytest.approx(np.array(((30.0, 0.0), (20.0, 0.0), (10.0, 0.0), (0.0, 0.0))))
+
+
+def test_by_the_rules_of_etsi_a_car_warns_before_it_collides() -> None:
+    sent = drive(AwarenessService(ETSI, 80.0), 10.0, range(0, 10, 2), (18.0, 0.0, 0.0, 0.0))
+    denms = [one for contents in sent.values() for one in contents if isinstance(one, Denm)]
+    assert [denm.cause for denm in denms] == [EventCause.COLLISION_RISK] * 5
+    assert (denms[0].length, denms[0].speed, denms[0].sequence) == (LENGTH, 10.0, 0)
+
+
+def test_by_the_rules_of_etsi_a_cpm_fits_into_one_packet() -> None:
+    many = [(0.2 * i, 5.0, 0.0, 0.0) for i in range(150)]
+    station = AwarenessService(ETSI, 80.0)
+    messages = [station.compose_messages(seen(tick, own(), things(*many))) for tick in range(0, 6, 2)]
+    cpms = [one for sent in messages for one in sent if one.type == CPM]
+    assert all(len(cpm.payload) <= 1398 for cpm in cpms)
+    assert [len(told.objects) for told in map(decode, cpms) if isinstance(told, Cpm)] == [65, 65, 20]
 
 
 def test_it_waits_when_another_service_of_the_car_has_sent() -> None:
