@@ -14,8 +14,18 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.v2x.channel import NOT_TRANSMITTED, DeliveryStatus
-from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Mcm, MessageError, decode, find_problem
+from mdrive_sumo.v2x.channel import NOT_TRANSMITTED, DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.messages import (
+    Cam,
+    Content,
+    Cpm,
+    Denm,
+    Mcm,
+    MessageError,
+    Termination,
+    decode,
+    find_problem,
+)
 
 SHOWN_EVERY_TICKS = 4
 """Objects of CPMs and trajectories of MCMs are included at 5 Hz at most, to limit the size of the page."""
@@ -59,20 +69,14 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
         "link_classes": [],
         "terms": terms,
         "problems": [(row.row, problem) for row in rows if (problem := find_problem(row.message)) is not None],
-        "texts": [(row.row, row.content) for row in rows if isinstance(row.content, str)],
+        "texts": _list_texts(rows),
     }
     heads = [(types.index(m.type), column[m.sender], m.tick, len(m.payload)) for m in (row.message for row in rows)]
-    fates = [
-        (i, column[receiver], FATES.index(fate), tick)
-        for i, sent_message in enumerate(sent)
-        for receiver, (fate, tick) in sent_message.deliveries.items()
-        if receiver in column
-    ]
     objects, tracks = _tabulate_objects(rows, origin)
     header["tracks"] = tracks
     return header, {
         "messages": _make_table(heads, 4),
-        "fates": _make_table(fates, 4),
+        "fates": _make_table(_list_fates(sent, column), 4),
         "links": _make_table((), 4),
         "cams": _make_table(
             (_encode_cam(row.row, row.content, origin) for row in rows if isinstance(row.content, Cam)), 9
@@ -82,6 +86,31 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
         "mcms": _make_table((_encode_mcm(row, term_of[row.row]) for row in mcms), 9),
         "mcm_points": _tabulate_points(mcms, origin),
     }
+
+
+def _list_texts(rows: Sequence[_MessageRow]) -> list[tuple[int, str]]:
+    """Return by row what was sent in words, and what warnings (DENMs) say."""
+    said = ((row.row, row.content) for row in rows)
+    return [
+        (row, content if isinstance(content, str) else describe_event(content))
+        for row, content in said
+        if isinstance(content, str | Denm)
+    ]
+
+
+def describe_event(denm: Denm) -> str:
+    """Return a warning in words: "event 2, dangerous situation, at (12.3, 4.5), cancelled"."""
+    words = denm.cause.name.lower().replace("_", " ")
+    end = ", cancelled" if denm.termination is not Termination.NONE else f", valid for {denm.validity_s:g} s"
+    return f"event {denm.sequence}, {words}, at ({denm.x:.1f}, {denm.y:.1f}){end}"
+
+
+def _list_fates(sent: Sequence[SentMessage], column: Mapping[str, int]) -> Iterator[tuple[int, int, int, int]]:
+    """Yield row, column of the receiver, fate and its tick of every delivery."""
+    for row, sent_message in enumerate(sent):
+        for receiver, (fate, tick) in sent_message.deliveries.items():
+            if receiver in column:
+                yield row, column[receiver], FATES.index(fate), tick
 
 
 def _list_stations(episode: EpisodeRecord, scenario: Scenario) -> list[str]:

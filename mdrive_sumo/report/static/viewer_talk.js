@@ -164,7 +164,8 @@ class Talk {
 
   /** All that was said in words, agreed by MCM and noted, in order: [{ tick, station, kind, text, more, spoken }]. */
   transcript() {
-    const said = this.texts.map(([row, text]) => {
+    const spoken = this.texts.filter(([row]) => this.sent[row].type === "text"); // the others are warnings
+    const said = spoken.map(([row, text]) => {
       const { tick, from } = this.sent[row];
       const head = SPOKEN.exec(text);
       const kind = head ? `${head[3] ? "critic" : "says"} · round ${head[2]}` : "says";

@@ -16,9 +16,20 @@ from testing.viewer_talking import RSU, talking, with_rsu
 from mdrive_sumo.contract import Message
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.replay_data import compute_visibility
+from mdrive_sumo.report.replay_messages import describe_event
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
-from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, decode
+from mdrive_sumo.v2x.messages import (
+    Cam,
+    Cpm,
+    Denm,
+    EventCause,
+    Mcm,
+    ReferencePose,
+    Termination,
+    decode,
+    encode,
+)
 from tests.mdrive_sumo.report.test_replay_page import HOSTILE, SETTLED, carried, needs_browser, opened, wait
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
@@ -80,6 +91,16 @@ def test_unreadable_and_foreign_messages_are_only_named() -> None:
     assert header["talk"]["problems"] == [[0, "expected at least 18 bytes, found 1"]]
     assert tables["messages"][2:].T.tolist() == [[3, 1], [4, 2]]
     assert tables["cams"].size == 0 and header["talk"]["texts"] == []
+
+
+def test_a_warning_is_told_in_words() -> None:
+    pose = ReferencePose(10.0, 5.0, 0.0, 3)
+    denm = Denm(pose, 2, EventCause.DANGEROUS_SITUATION, 1, 12.26, 5.0, 3, 1.0, 4.0, 4.9, 2.0)
+    said = (replace(encode(denm), sender="cav_0", tick=3),)
+    sent = tuple(SentMessage(message, {"cav_1": (DeliveryStatus.DELIVERED, 5)}) for message in said)
+    header, _ = carried(page_of(replace(record(), messages=sent), egos=2))
+    assert header["talk"]["texts"] == [[0, "event 2, dangerous situation, at (12.3, 5.0), valid for 1 s"]]
+    assert describe_event(replace(denm, termination=Termination.CANCELLATION)).endswith(", cancelled")
 
 
 def test_what_a_cav_sees() -> None:
