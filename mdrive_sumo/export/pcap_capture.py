@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -22,6 +23,9 @@ MAGIC, VERSION, SNAP_BYTES, ETHERNET = 0xA1B2C3D4, (2, 4), 65_535, 1
 """Of a pcap file with microseconds, and its link type."""
 PASSENGER_CAR, ROADSIDE_UNIT = 5, 15
 """Station types (TS 102 894-2, A.78)."""
+
+
+PSEUDONYM = re.compile(r"[0-9a-f]{8}")
 
 
 class _Frame(NamedTuple):
@@ -78,14 +82,16 @@ class _Capture:
 
     def _find_station(self, sender: str) -> int:
         """Return the ETSI station id: the pseudonym, which is one of 32 bits; of a station without one, a hash."""
-        pseudonym = self._pseudonyms.get(sender)
-        if pseudonym is not None:
+        pseudonym = self._pseudonyms.get(sender, "")
+        if PSEUDONYM.fullmatch(pseudonym):
             return int(pseudonym, 16)
         return int.from_bytes(hashlib.blake2b(sender.encode(), digest_size=4).digest(), "big")
 
     def list_frames(self) -> Iterator[_Frame]:
         """Yield all frames in the order of sending."""
         for sent in self._record.messages:
+            if sent.message.tick < 0:
+                raise InputError(f"export: expected messages from tick 0 on, found one of tick {sent.message.tick}")
             if (reason := _find_reason(sent)) is not None:
                 self.left_out[f"{sent.message.type} ({reason})"] += 1
                 continue

@@ -126,6 +126,8 @@ class _ToldRoadUsers:
         for x, y, age in zip(cpm.objects.x.tolist(), cpm.objects.y.tolist(), cpm.age.tolist(), strict=True):
             tick = min(max(cpm.pose.tick - age, 0), record.ticks - 1)
             present = np.flatnonzero(record.valid[tick])
+            if not len(present):
+                continue
             gaps = portable.hypot(record.x[tick, present] - x, record.y[tick, present] - y)
             nearest = int(gaps.argmin())
             column = int(present[nearest])

@@ -64,6 +64,8 @@ class LinkCounts:
             for receiver, link_class in _list_receivers(sent):
                 delivery = sent.deliveries[receiver]
                 message = sent.message
+                if not positions.fits(message.sender, receiver, (message.tick, delivery.tick)):
+                    continue  # a recording may hold anything
                 group = LinkGroup(link_class, message.type)
                 self.statuses[group, delivery.status.value] += 1
                 if delivery.status in NOT_TRANSMITTED or delivery.status is DeliveryStatus.GONE:
@@ -143,6 +145,11 @@ class _StationPositions:
             return self._fixed[station]
         x, y = self._xy[tick, self._column[station]].tolist()
         return x, y
+
+    def fits(self, sender: str, receiver: str, ticks: tuple[int, int]) -> bool:
+        """Return whether both stations are in the recording, and these ticks of sending and arrival can be."""
+        are_known = all(station in self._column or station in self._fixed for station in (sender, receiver))
+        return are_known and 0 <= ticks[0] <= ticks[1] <= self._last_tick
 
     def measure(self, sender: str, receiver: str, tick: int) -> float:
         """Return the distance [m] between two stations in a tick."""
