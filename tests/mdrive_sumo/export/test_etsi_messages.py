@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from pycrate_asn1dir.ITS_CAM_2 import CAM_PDU_Descriptions
-from testing.message_samples import cams, cpm_with, cpms
+from testing.message_samples import PLACE, cams, cpm_with, cpms
 
 from mdrive_sumo.export.etsi_cam import encode_etsi_cam
 from mdrive_sumo.export.etsi_cpm import CpmSender, encode_etsi_cpm
@@ -24,7 +24,7 @@ from mdrive_sumo.export.etsi_values import (
 )
 from mdrive_sumo.export.geonetworking import FrameSender, build_frame
 from mdrive_sumo.export.uper_writer import UperWriter
-from mdrive_sumo.v2x.messages import Cam, Cpm, ReferencePose
+from mdrive_sumo.v2x.messages import Cam, Cpm, ReferencePose, encode
 
 MOST_BYTES = 1398
 """A GeoNetworking packet carries at most so many (EN 302 636-4-1, itsGnMaxSduSize), BTP's 4 among them."""
@@ -119,6 +119,14 @@ def test_a_cpm_is_cut_into_packets(count: int, segments: int) -> None:
     packets = list(encode_etsi_cpm(cpm, make_sender(cpm)))
     assert len(packets) == segments
     assert max(len(packet) for packet in packets) + 4 <= MOST_BYTES
+
+
+def test_sizes() -> None:
+    """Those that docs/pcap.md states."""
+    cam, cpm = Cam(PLACE, 1.0, 0.0, 0.0, 4.9, 2.0), cpm_with(10, 72)
+    (data,) = encode_etsi_cpm(cpm, make_sender(cpm))
+    assert [len(encode(one).payload) for one in (cam, cpm)] == [29, 305]
+    assert [len(encode_etsi_cam(cam, 1, roadside=False)), len(data)] == [41, 299]
 
 
 def test_a_frame_by_hand() -> None:
