@@ -6,6 +6,8 @@ from typing import Any
 from pycrate_asn1dir.ITS_CAM_2 import CAM_PDU_Descriptions
 
 from mdrive_sumo.export.etsi_values import (
+    PASSENGER_CAR,
+    ROADSIDE_UNIT,
     UNAVAILABLE_ALTITUDE,
     clamp,
     place_front,
@@ -18,8 +20,6 @@ from mdrive_sumo.export.etsi_values import (
 from mdrive_sumo.v2x.messages import Cam
 
 PROTOCOL_VERSION, MESSAGE_ID = 2, 2
-PASSENGER_CAR, ROADSIDE_UNIT = 5, 15
-"""Station types (TS 102 894-2, A.78)."""
 
 
 def encode_etsi_cam(cam: Cam, station: int, *, roadside: bool) -> bytes:
@@ -37,6 +37,7 @@ def encode_etsi_cam(cam: Cam, station: int, *, roadside: bool) -> bytes:
                     ),
                 },
                 "highFrequencyContainer": high_frequency,
+                **_describe_path(cam),
             },
         },
     }
@@ -60,6 +61,25 @@ def describe_position(x: float, y: float, sigma: float) -> dict[str, Any]:
         },
         "altitude": {"altitudeValue": UNAVAILABLE_ALTITUDE, "altitudeConfidence": "unavailable"},
     }
+
+
+def _describe_path(cam: Cam) -> dict[str, Any]:
+    """Return the low-frequency container with the path history, each point relative to the one before; {} without."""
+    if cam.path_history is None:
+        return {}
+    before = place_on_earth(*place_front(cam.pose, cam.length))
+    points: list[dict[str, Any]] = []
+    for x, y in cam.path_history.tolist():
+        place = place_on_earth(x, y)
+        position = {
+            "deltaLatitude": clamp(place.latitude - before.latitude, -131_071, 131_071),
+            "deltaLongitude": clamp(place.longitude - before.longitude, -131_071, 131_071),
+            "deltaAltitude": 12_800,  # unavailable
+        }
+        points.append({"pathPosition": position})
+        before = place
+    vehicle = {"vehicleRole": "default", "exteriorLights": (0, 8), "pathHistory": points}
+    return {"lowFrequencyContainer": ("basicVehicleContainerLowFrequency", vehicle)}
 
 
 def _describe_motion(cam: Cam) -> tuple[str, dict[str, Any]]:

@@ -12,6 +12,8 @@ from mdrive_sumo.core.geometry import TAU
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.export.etsi_values import (
     MS_PER_TICK,
+    PASSENGER_CAR,
+    ROADSIDE_UNIT,
     UNAVAILABLE_ALTITUDE,
     clamp,
     place_front,
@@ -25,8 +27,6 @@ from mdrive_sumo.export.uper_writer import UperWriter
 from mdrive_sumo.v2x.messages import Cpm
 
 PROTOCOL_VERSION, MESSAGE_ID = 1, 14
-PASSENGER_CAR, ROADSIDE_UNIT = 5, 15
-"""Station types (TS 102 894-2, A.78)."""
 OBJECTS_PER_SEGMENT = 50
 """An object takes at most 210 bits and all else at most 52 bytes: with BTP's 4 bytes, 1 369 of the 1 398 that a
 GeoNetworking packet may carry (EN 302 636-4-1, itsGnMaxSduSize)."""

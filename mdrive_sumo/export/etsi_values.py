@@ -19,6 +19,8 @@ SIGMAS_95_LINE = 1.959964
 """Standard deviations within which 95 % of a normal distribution lie: ETSI's confidence level."""
 SIGMAS_95_PLANE = 2.447747
 """The same for a circular normal distribution in the plane: the square root of -2 ln 0.05."""
+PASSENGER_CAR, ROADSIDE_UNIT = 5, 15
+"""Station types (TS 102 894-2, A.78)."""
 UNAVAILABLE_ALTITUDE = 800_001
 NORTH_DEG = 90.0
 """North in the frame of the recording: y points up, angles are counter-clockwise from +x."""

@@ -6,7 +6,7 @@ Sources: ETSI EN 302 636-4-1 V1.4.1 (GeoNetworking), EN 302 636-5-1 V2.2.1 (BTP)
 import struct
 from dataclasses import dataclass
 
-from mdrive_sumo.export.etsi_values import EarthPlace
+from mdrive_sumo.export.etsi_values import ROADSIDE_UNIT, EarthPlace
 
 ETHER_TYPE = 0x8947
 BROADCAST = b"\xff" * 6
@@ -41,7 +41,7 @@ def build_frame(message_type: str, payload: bytes, sender: FrameSender) -> bytes
     """Return the frame of an ETSI message of a type in `PORTS`."""
     address = make_mac(sender.station)
     btp = struct.pack(">HH", PORTS[message_type], 0)
-    is_mobile = sender.station_type != 15  # a road-side unit
+    is_mobile = sender.station_type != ROADSIDE_UNIT
     basic = struct.pack(">BBBB", 1 << 4 | 1, 0, LIFETIME, 1)  # version 1, a common header follows; one hop
     common = struct.pack(
         ">BBBBHBB",

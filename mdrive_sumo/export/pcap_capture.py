@@ -13,16 +13,22 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_bytes, write_text
 from mdrive_sumo.export.etsi_cam import encode_etsi_cam
 from mdrive_sumo.export.etsi_cpm import CpmSender, encode_etsi_cpm
-from mdrive_sumo.export.etsi_values import MS_PER_TICK, SIGMAS_95_PLANE, place_on_earth, to_heading
+from mdrive_sumo.export.etsi_denm import encode_etsi_denm
+from mdrive_sumo.export.etsi_values import (
+    MS_PER_TICK,
+    PASSENGER_CAR,
+    ROADSIDE_UNIT,
+    SIGMAS_95_PLANE,
+    place_on_earth,
+    to_heading,
+)
 from mdrive_sumo.export.geonetworking import FrameSender, build_frame, make_mac
 from mdrive_sumo.export.scored_recording import ScoredRecording
 from mdrive_sumo.v2x.channel import NOT_TRANSMITTED, DeliveryStatus, SentMessage
-from mdrive_sumo.v2x.messages import Cam, Content, Cpm, MessageError, ReferencePose, decode
+from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Denm, MessageError, ReferencePose, decode
 
 MAGIC, VERSION, SNAP_BYTES, ETHERNET = 0xA1B2C3D4, (2, 4), 65_535, 1
 """Of a pcap file with microseconds, and its link type."""
-PASSENGER_CAR, ROADSIDE_UNIT = 5, 15
-"""Station types (TS 102 894-2, A.78)."""
 
 
 PSEUDONYM = re.compile(r"[0-9a-f]{8}")
@@ -43,7 +49,7 @@ def write_pcap(recordings: Iterable[ScoredRecording], folder: Path) -> None:
         frames = list(capture.list_frames())
         if not frames:
             raise InputError(
-                f"export: {recording.name}: expected a recording with CAMs or CPMs that were transmitted, found"
+                f"export: {recording.name}: expected a recording with CAMs, CPMs or DENMs that were transmitted, found"
                 f" {_describe_counts(capture.left_out)}"
             )
         write_bytes(folder / f"{recording.name}.pcap", _pack_file(frames))
@@ -113,6 +119,10 @@ class _Capture:
             yield (
                 encode_etsi_cam(content, station, roadside=roadside),
                 self._describe_sender(station, content.pose, roadside, content.speed),
+            )
+        elif isinstance(content, Denm):
+            yield encode_etsi_denm(content, station), self._describe_sender(
+                station, content.pose, roadside, content.speed
             )
         elif isinstance(content, Cpm):
             payloads = encode_etsi_cpm(content, self._describe_cpm_sender(sent, content))
