@@ -1,16 +1,19 @@
 """ETSI messages and frames: bits by hand, CAMs read back by pycrate, any content of ours fits into its fields."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from pycrate_asn1dir.ITS_CAM_2 import CAM_PDU_Descriptions
-from testing.message_samples import PLACE, cams, cpm_with, cpms
+from pycrate_asn1dir.ITS_DENM_3 import DENM_PDU_Descriptions
+from testing.message_samples import PLACE, cams, cpm_with, cpms, denms
 
 from mdrive_sumo.export.etsi_cam import encode_etsi_cam
 from mdrive_sumo.export.etsi_cpm import CpmSender, encode_etsi_cpm
+from mdrive_sumo.export.etsi_denm import encode_etsi_denm
 from mdrive_sumo.export.etsi_values import (
     LATITUDE_M,
     LONGITUDE_M,
@@ -24,7 +27,7 @@ from mdrive_sumo.export.etsi_values import (
 )
 from mdrive_sumo.export.geonetworking import FrameSender, build_frame
 from mdrive_sumo.export.uper_writer import UperWriter
-from mdrive_sumo.v2x.messages import Cam, Cpm, ReferencePose, encode
+from mdrive_sumo.v2x.messages import Cam, Cpm, Denm, EventCause, ReferencePose, Termination, encode
 
 MOST_BYTES = 1398
 """A GeoNetworking packet carries at most so many (EN 302 636-4-1, itsGnMaxSduSize), BTP's 4 among them."""
@@ -98,6 +101,65 @@ def test_every_cam_fits(cam: Cam) -> None:
     place = pose["referencePosition"]
     x, y = place["longitude"] * LONGITUDE_M / 1e7, place["latitude"] * LATITUDE_M / 1e7
     assert math.dist((x, y), place_front(cam.pose, cam.length)) < 0.009  # half a step of 1.1 cm along each
+
+
+def test_a_path_history_is_in_steps_from_point_to_point() -> None:
+    """From the middle of the front, 2 m ahead of the centre, back to two former places."""
+    path = np.array([(-3.0, 0.0), (-10.0, 5.0)])
+    cam = Cam(ReferencePose(0.0, 0.0, 0.0, 0), 0, 0, 0, 4.0, 2.0, path_history=path)
+    parameters = decode_cam(encode_etsi_cam(cam, 1, roadside=False))["cam"]["camParameters"]
+    kind, vehicle = parameters["lowFrequencyContainer"]
+    assert kind == "basicVehicleContainerLowFrequency" and vehicle["exteriorLights"] == (0, 8)
+    steps = [
+        (point["pathPosition"]["deltaLongitude"], point["pathPosition"]["deltaLatitude"])
+        for point in vehicle["pathHistory"]
+    ]
+    by_hand = [(-5.0 / LONGITUDE_M, 0.0), (-7.0 / LONGITUDE_M, 5.0 / LATITUDE_M)]
+    assert np.allclose(steps, np.array(by_hand) * 1e7, atol=1.0)
+
+
+DENM_BY_HAND = Denm(
+    ReferencePose(0.0, 0.0, 0.0, 40, 0.2, 0.01),
+    sequence=7,
+    cause=EventCause.DANGEROUS_SITUATION,
+    sub_cause=1,
+    x=10.0,
+    y=0.0,
+    detection_tick=20,
+    validity_s=1.5,
+    speed=6.0,
+    length=4.9,
+    width=2.0,
+)
+
+
+def decode_denm(data: bytes) -> Any:
+    DENM_PDU_Descriptions.DENM.from_uper(data)
+    return DENM_PDU_Descriptions.DENM.get_val()
+
+
+def test_a_denm_by_hand() -> None:
+    decoded = decode_denm(encode_etsi_denm(DENM_BY_HAND, 5))
+    assert decoded["header"] == {"protocolVersion": 2, "messageID": 1, "stationID": 5}
+    management = decoded["denm"]["management"]
+    assert management["actionID"] == {"originatingStationID": 5, "sequenceNumber": 7}
+    assert (management["detectionTime"], management["referenceTime"], management["validityDuration"]) == (1000, 2000, 2)
+    assert management["eventPosition"]["longitude"] == round(10 / LONGITUDE_M * 1e7)
+    assert decoded["denm"]["situation"]["eventType"] == {"causeCode": 99, "subCauseCode": 1}
+    assert decoded["denm"]["location"]["eventSpeed"]["speedValue"] == 600
+    assert decoded["denm"]["location"]["eventPositionHeading"] == {"headingValue": 900, "headingConfidence": 12}
+
+
+def test_a_cancellation_has_the_management_container_alone() -> None:
+    ended = replace(DENM_BY_HAND, termination=Termination.CANCELLATION)
+    decoded = decode_denm(encode_etsi_denm(ended, 5))["denm"]
+    assert decoded.keys() == {"management"} and decoded["management"]["termination"] == "isCancellation"
+
+
+@pytest.mark.slow
+@given(denms())
+def test_every_denm_fits(denm: Denm) -> None:
+    assert decode_denm(encode_etsi_denm(denm, 2**32 - 1))["header"]["stationID"] == 2**32 - 1
 
 
 def make_sender(cpm: Cpm) -> CpmSender:

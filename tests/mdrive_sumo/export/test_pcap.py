@@ -3,6 +3,7 @@
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from testing.study_samples import invoke
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.export.etsi_values import LATITUDE_M, LONGITUDE_M, place_front
 from mdrive_sumo.export.export_run import export_runs, load_recordings, select_recorded
+from mdrive_sumo.export.pcap_capture import write_pcap
 from mdrive_sumo.export.scored_recording import ScoredRecording
 from mdrive_sumo.runs.stored_run import StoredRun, load_stored_run
 from mdrive_sumo.v2x.channel import NOT_TRANSMITTED, SentMessage
-from mdrive_sumo.v2x.messages import Cam, Cpm, decode
+from mdrive_sumo.v2x.messages import Cam, Cpm, Denm, EventCause, ReferencePose, Termination, decode, encode
 
 pytestmark = [
     pytest.mark.slow,  # of an episode that is driven
@@ -139,6 +141,23 @@ def test_tshark_reads_the_objects_of_cpms(packets: list[Any], talk_recording: Sc
     assert count > 20
 
 
+def test_tshark_reads_denms(talk_recording: ScoredRecording, tmp_path: Path) -> None:
+    """An event and its cancellation, sent by CAV 0 at the end of the recording."""
+    pose = ReferencePose(5.0, -3.0, 0.1, 40, 0.2, 0.01)
+    event = Denm(pose, 7, EventCause.STATIONARY_VEHICLE, 2, 10.0, -3.0, 20, 4.0, 0.5, 4.9, 2.0)
+    ended = replace(event, termination=Termination.CANCELLATION)
+    sent = tuple(SentMessage(replace(encode(one), sender="0", tick=40), {}) for one in (event, ended))
+    write_pcap([replace(talk_recording, record=replace(talk_recording.record, messages=sent))], tmp_path)
+    capture = tmp_path / f"{SCENARIO}.pcap"
+    assert read_with_tshark(capture, "-Y", "_ws.malformed || _ws.expert || data") == ""
+    fields = ("btpb.dstport", "its.sequenceNumber", "its.causeCode", "denm.termination")
+    shown = read_with_tshark(capture, "-T", "fields", *(word for name in fields for word in ("-e", name)))
+    assert [line.split("\t") for line in shown.splitlines()] == [
+        ["2002", "7", "94", ""],
+        ["2002", "7", "", "0"],
+    ]
+
+
 def test_the_same_recording_gives_the_same_file(talk: StoredRun, capture: Path, tmp_path: Path) -> None:
     again = export_runs([talk], "pcap", tmp_path / "out") / capture.name
     assert again.read_bytes() == capture.read_bytes()
@@ -147,5 +166,5 @@ def test_the_same_recording_gives_the_same_file(talk: StoredRun, capture: Path, 
 def test_a_run_without_such_messages_gets_one_sentence(run_folder: Path, tmp_path: Path) -> None:
     done = invoke("export", run_folder, "--format", "pcap", "--out", tmp_path / "out")
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert "expected a recording with CAMs or CPMs that were transmitted, found" in done.stderr
+    assert "expected a recording with CAMs, CPMs or DENMs that were transmitted, found" in done.stderr
     assert " text" in done.stderr and not (tmp_path / "out").exists()
