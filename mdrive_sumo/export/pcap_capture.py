@@ -121,8 +121,9 @@ class _Capture:
                 self._describe_sender(station, content.pose, roadside, content.speed),
             )
         elif isinstance(content, Denm):
-            yield encode_etsi_denm(content, station), self._describe_sender(
-                station, content.pose, roadside, content.speed
+            yield (
+                encode_etsi_denm(content, station),
+                self._describe_sender(station, content.pose, roadside, content.speed),
             )
         elif isinstance(content, Cpm):
             payloads = encode_etsi_cpm(content, self._describe_cpm_sender(sent, content))
