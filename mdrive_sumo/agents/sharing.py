@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 
 from mdrive_sumo.contract import Briefing, Detections, Note, Observation, Reply, SensorSpec
-from mdrive_sumo.contract.agent_options import Config
+from mdrive_sumo.contract.agent_options import Config, Option
 from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.negotiation import NegotiationInterface, RuleNegotiator
+from mdrive_sumo.perception.message_guard import MessageGuard
 from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.driving_options import DrivingOptions
 from mdrive_sumo.planning.ego_planner import EgoPlanner, exclude_objects
@@ -59,11 +60,18 @@ class SingleAgent:
         return build_frozen(Reply, None, car.planner.build_plan(seen.tick), (), notes, detections)
 
 
+DEFENCE = {"defence": Option(1, 0, 1, is_switch=True)}
+"""0: believe every message, whatever the own sensor says; see docs/attacks.md."""
+
+
 class SharingAgent(SingleAgent):
     """The planner and tracker of `single`, fed also with CAMs, CPMs and DENMs of CAVs and road-side units."""
 
     label = "sharing"
     name = "sharing"
+
+    def __init__(self, config: Config) -> None:
+        self._options = DrivingOptions(self.name, config, DEFENCE)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Return the sensor of visible boxes and of the free view."""
@@ -75,6 +83,21 @@ class SharingAgent(SingleAgent):
         detector = self._options.find_detector(self._briefing)
         self._awareness = AwarenessService(self._briefing, self._options.find_range(self._briefing), detector)
         self._events = EventTable()
+        is_defended = bool(self._options.values["defence"])
+        self._guard = MessageGuard(detector, self._briefing.v2x_rate) if is_defended else None
+
+    def _screen_messages(self, seen: Observation) -> tuple[Observation, tuple[Note, ...]]:
+        """Return the observation with the messages that are believed, and notes of senders that no longer are."""
+        if self._guard is None:
+            return seen, ()
+        seen, fallen, notes = self._guard.screen(seen)
+        for sender in sorted(fallen):
+            self._forget_sender(sender)
+        return seen, notes
+
+    def _forget_sender(self, sender: str) -> None:
+        self._tracker.drop_source(sender)
+        self._events.forget(sender)
 
     def _receive(self, seen: Observation) -> tuple[Note, ...]:
         """Store what others report; return notes on new warnings and unreadable messages."""
@@ -87,7 +110,8 @@ class SharingAgent(SingleAgent):
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with the own state and detections."""
-        notes = self._receive(seen)
+        seen, notes = self._screen_messages(seen)
+        notes += self._receive(seen)
         reply = super().act(seen)
         messages = self._awareness.compose_messages(seen)
         return build_frozen(Reply, None, reply.plan, messages, notes + reply.notes, reply.detections)
@@ -106,11 +130,16 @@ class SharingNegotiationAgent(SharingAgent):
             briefing, RuleNegotiator(passing=True, rate=briefing.v2x_rate), stops=False
         )
 
+    def _forget_sender(self, sender: str) -> None:
+        super()._forget_sender(sender)
+        self._negotiation.forget(sender)
+
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with detections, plan and claims."""
         car, detections = self._get_planner(seen), None
         planner = car.planner
-        notes = self._receive(seen)
+        seen, notes = self._screen_messages(seen)
+        notes += self._receive(seen)
         self._negotiation.receive(seen)
         if car.track_ego(seen):
             names, motions = self._negotiation.predict_announced_motions(seen, planner)

@@ -71,6 +71,10 @@ class NegotiationInterface:
         for message in seen.messages:
             self._negotiator.peers.receive(message)
 
+    def forget(self, station: str) -> None:
+        """Drop what a station announced, as it is not believed any more."""
+        self._negotiator.peers.forget(station)
+
     def predict_announced_motions(
         self, seen: Observation, planner: SpaceTimePlanner
     ) -> tuple[frozenset[str], list[PredictedMotion]]:

@@ -45,6 +45,10 @@ class PeerTable:
             self._latest[message.sender] = message.tick, mcm, message.payload
         return True
 
+    def forget(self, station: str) -> None:
+        """Drop what a station announced, as it is not believed any more."""
+        self._latest.pop(station, None)
+
     def _get_latest(self, tick: int) -> dict[str, tuple[int, Mcm, bytes]]:
         """Return the entries by station, sorted by station; drop stations that have been silent for too long."""
         self._latest = {name: entry for name, entry in self._latest.items() if tick - entry[0] <= self._memory_ticks}

@@ -127,6 +127,11 @@ class ObjectTracker:
         self._tracks.end_update(tick)
         return self._tracks.build_objects(tick, seen.own)
 
+    def drop_source(self, sender: str) -> None:
+        """Forget what only that station has reported, as it is not believed any more."""
+        self._tracks.drop_source(sender)
+        self._waiting = {key: message for key, message in self._waiting.items() if key[1] != sender}
+
     @property
     def position_sigmas(self) -> Mapping[str, float]:
         """Standard deviation [m] of each coordinate of the position by id, of the objects of the last update."""

@@ -93,6 +93,15 @@ class TrackList:
         if len(self._tracks) < count:
             self._names.forget(set(self._tracks["number"].tolist()))
 
+    def drop_source(self, source: str) -> None:
+        """Drop the tracks that began with reports of a station, or are the station, and that no own sensor has seen."""
+        names = self._names
+        told = {number for number, one in names.source_by_number.items() if one == source}
+        told |= {number for number, one in names.station_by_number.items() if one == source}
+        is_told = np.array([number in told for number in self._tracks["number"].tolist()], dtype=np.bool_)
+        self._tracks = self._tracks[~is_told | (self._tracks["seen_by_sensor"] != 0)]
+        names.forget(set(self._tracks["number"].tolist()))
+
     def get_position_sigmas(self) -> Mapping[str, float]:
         """Return the standard deviation [m] of each coordinate of the position by the id of the track."""
         names = _list_names(self._tracks, self._names.station_by_number)

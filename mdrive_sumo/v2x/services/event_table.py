@@ -58,6 +58,11 @@ class EventTable:
         words = denm.cause.name.lower().replace("_", " ")
         return (Note(WARNING, f"{words} of {sender} at ({denm.x:.1f}, {denm.y:.1f})"),) if is_new else ()
 
+    def forget(self, sender: str) -> None:
+        """Drop the events of a sender, as it is not believed any more; it may warn of them again."""
+        self._latest = {name: denm for name, denm in self._latest.items() if name.sender != sender}
+        self._known.pop(sender, None)
+
     def find_events(self, tick: int, cause: EventCause | None = None) -> dict[EventName, Denm]:
         """Return the events that are valid at that tick, of one cause or of all, sorted by name; forget old ones."""
         self._latest = {name: denm for name, denm in self._latest.items() if _is_valid(denm, tick)}

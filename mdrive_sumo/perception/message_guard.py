@@ -1,0 +1,146 @@
+"""MessageGuard: messages of senders that contradict the own sensor, each other or themselves are not believed.
+
+Three checks lower the trust in a sender: boxes that the own free view refutes for a second (`free_view`,
+`claim_history`), positions that it cannot have reached, and announcements that it does not keep (`announced_motion`).
+While no check fails, every message passes, and an agent behaves as without a guard to the digit.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mdrive_sumo.contract import Note, Objects, Observation, OwnState
+from mdrive_sumo.contract.detector_profiles import PROFILES
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
+from mdrive_sumo.perception.announced_motion import AnnouncedMotion
+from mdrive_sumo.perception.claim_history import Claim, ClaimHistory
+from mdrive_sumo.perception.free_view import find_near, find_seen_through
+from mdrive_sumo.perception.sender_trust import SenderTrust
+from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cam, Cpm, Mcm
+from mdrive_sumo.v2x.shared_reading import decode_shared, find_shared_problem
+
+CHECK_TICKS = 4
+"""Boxes are compared with the own view every so many ticks, when the built-in agents plan and read their sensor."""
+OLDEST_TICKS = TICKS_PER_SECOND // 2
+"""Older positions say little about where something is now."""
+DISTRUST = "distrust"
+"""Kind of the notes with a sender that is not believed from now on, and why."""
+
+
+@dataclass(slots=True)
+class _Sender:
+    """What is known of one sender."""
+
+    motion: AnnouncedMotion = field(default_factory=AnnouncedMotion)
+    claims: ClaimHistory = field(default_factory=ClaimHistory)
+    cam: Cam | None = None
+    """Its newest CAM that no check has used; so for the CPM."""
+    cpm: Cpm | None = None
+
+
+class MessageGuard:
+    """The guard of one CAV."""
+
+    def __init__(self, detector: str) -> None:
+        """detector: profile of the own detections, which come with its latency."""
+        self._latency_ticks = PROFILES[detector].latency_ticks
+        self._trust = SenderTrust()
+        self._senders: dict[str, _Sender] = {}
+        self._own_states: deque[tuple[int, OwnState]] = deque()
+        self._distrusted: frozenset[str] = frozenset()
+
+    def screen(self, seen: Observation) -> tuple[Observation, frozenset[str], tuple[Note, ...]]:
+        """Return the observation without messages that are not believed; senders that no longer are, and notes of them.
+
+        The observation itself is returned if all messages are believed. To be called in every tick.
+        """
+        tick = seen.tick
+        self._own_states.append((tick, seen.own))
+        contradictions = self._read_messages(seen)
+        if tick % CHECK_TICKS == 0 and self._senders:
+            contradictions += self._compare_with_view(seen)
+        for sender, _ in contradictions:
+            self._trust.record_contradiction(sender, tick)
+        before = self._distrusted
+        suspects = before | {sender for sender, _ in contradictions}
+        self._distrusted = frozenset(one for one in suspects if not self._trust.is_believed(one, tick))
+        fallen = self._distrusted - before
+        notes = tuple(Note(DISTRUST, f"{one}: {reason}") for one, reason in contradictions if one in fallen)
+        if not self._distrusted or all(message.sender not in self._distrusted for message in seen.messages):
+            return seen, fallen, notes
+        believed = tuple(message for message in seen.messages if message.sender not in self._distrusted)
+        return replace(seen, messages=believed), fallen, notes
+
+    def _read_messages(self, seen: Observation) -> list[tuple[str, str]]:
+        """Store the messages; return the senders whose motion contradicts what they said, with the reason."""
+        contradictions: dict[str, str] = {}
+        for message in seen.messages:
+            if message.type not in (CAM, CPM, MCM) or find_shared_problem(message) is not None:
+                continue
+            content, sender = decode_shared(message), self._senders.setdefault(message.sender, _Sender())
+            if isinstance(content, Cpm):
+                sender.cpm = content
+            elif isinstance(content, Cam | Mcm):
+                if sender.motion.add(content):
+                    contradictions[message.sender] = "it does not move as it says"
+                if isinstance(content, Cam):
+                    sender.cam = content
+        return list(contradictions.items())
+
+    def _compare_with_view(self, seen: Observation) -> list[tuple[str, str]]:
+        """Return the senders that report, and have long reported, what the own view refutes, with the reason."""
+        taken_tick = seen.tick - self._latency_ticks
+        while self._own_states[0][0] < taken_tick:
+            self._own_states.popleft()
+        if self._own_states[0][0] != taken_tick or seen.objects is None or not len(seen.objects.free_m):
+            return []
+        names, boxes = self._collect_claims(seen.tick, taken_tick)
+        if not names:
+            return []
+        is_near = find_near(boxes, seen.objects)
+        is_refuted = find_seen_through(boxes, self._own_states[0][1], seen.objects.free_m) & ~is_near
+        return self._update_claims(seen.tick, names, boxes, is_refuted.tolist(), is_near.tolist())
+
+    def _collect_claims(self, tick: int, taken_tick: int) -> tuple[list[str], Objects]:
+        """Return the boxes that senders reported since the last check, at the time of the own view, and by whom."""
+        names: list[str] = []
+        parts: list[Objects] = []
+        for name in sorted(self._senders):
+            sender = self._senders[name]
+            for content in (sender.cam, sender.cpm):
+                if content is not None and 0 <= tick - content.pose.tick <= OLDEST_TICKS:
+                    parts.append(_place_claims(content, taken_tick))
+                    names += [name] * len(parts[-1])
+            sender.cam = sender.cpm = None
+        return names, parts[0].concat(*parts[1:]) if parts else Objects.empty()
+
+    def _update_claims(
+        self, tick: int, names: Sequence[str], boxes: Objects, is_refuted: Sequence[bool], is_near: Sequence[bool]
+    ) -> list[tuple[str, str]]:
+        refuted: dict[str, list[Claim]] = {name: [] for name in names}
+        supported: dict[str, list[str]] = {name: [] for name in names}
+        for row, name in enumerate(names):
+            if is_refuted[row]:
+                refuted[name].append(Claim(boxes.ids[row], float(boxes.x[row]), float(boxes.y[row])))
+            elif is_near[row]:
+                supported[name].append(boxes.ids[row])
+        return [
+            (name, "it reports what is not there")
+            for name, claims in refuted.items()
+            if self._senders[name].claims.update(tick, claims, supported[name])
+        ]
+
+
+def _place_claims(content: Cam | Cpm, tick: int) -> Objects:
+    """Return the boxes of a message at a tick, by their speeds: the sender, named "", or what it detected."""
+    pose = content.pose
+    if isinstance(content, Cam):
+        columns = [np.array([value]) for value in (pose.x, pose.y, pose.yaw, content.speed)]
+        sizes = [np.array([value]) for value in (content.length, content.width)]
+        kind = np.array([Kind.VEHICLE], dtype=np.uint8)
+        return Objects(("",), kind, *columns, *sizes).advance((tick - pose.tick) * DT)
+    ages: Float = content.age.astype(np.float64)
+    return content.objects.advance((tick - pose.tick + ages) * DT)
