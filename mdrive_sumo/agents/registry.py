@@ -42,6 +42,8 @@ HUMAN_AGENTS = AgentTable(_HUMAN)
 """The cars of people: `loop.human_driver` gives them controls. They drive nothing by themselves."""
 ASKING_AGENTS = ("colmdriver",)
 """Agents that ask a language model: their answers come from outside, or from a file of a run."""
+DEFENDED_AGENTS = ("sharing", "sharing+negotiation")
+"""Agents that do not believe every sender; their option `defence` switches that off."""
 AGENTS = AgentTable(
     {
         "stationary": "sensorless:StationaryAgent",

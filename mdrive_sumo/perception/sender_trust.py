@@ -11,10 +11,10 @@ class TrustParameters:
 
     least: float = 0.5
     """A sender is believed while trust in it, from 0 to 1, is at least this."""
-    fall: float = 0.6
+    fall: float = 0.8
     """What a contradiction takes: after one, a sender is not believed."""
     recovery_s: float = 0.02
-    """What a second without one gives back: 5 s after one contradiction, 25 s after two or more in a row."""
+    """What a second without one gives back: 15 s after one contradiction, 25 s after two or more in a row."""
 
 
 TRUST = TrustParameters()
