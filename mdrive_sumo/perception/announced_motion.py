@@ -15,7 +15,7 @@ from mdrive_sumo.v2x.messages import Cam, Mcm
 
 
 @dataclass(frozen=True, slots=True)
-class MotionParameters:
+class AnnouncedMotionParameters:
     """Parameters of `AnnouncedMotion`."""
 
     jump_m: float = 5.0
@@ -34,13 +34,13 @@ class MotionParameters:
     """So many broken announcements in a row are a lie: those before a sudden stop are at most 3."""
 
 
-MOTION = MotionParameters()
+MOTION = AnnouncedMotionParameters()
 
 
 class AnnouncedMotion:
     """What one sender has said of its own motion."""
 
-    def __init__(self, parameters: MotionParameters = MOTION) -> None:
+    def __init__(self, parameters: AnnouncedMotionParameters = MOTION) -> None:
         self._parameters = parameters
         self._last: tuple[int, float, float, float] | None = None
         """Tick, x, y and speed of the last position."""

@@ -105,7 +105,7 @@ class MessageGuard:
         return self._update_claims(seen.tick, names, boxes, is_refuted.tolist(), is_near.tolist())
 
     def _collect_claims(self, tick: int, taken_tick: int) -> tuple[list[str], Objects]:
-        """Return the boxes that senders reported since the last check, at the time of the own view, and by whom."""
+        """Return the boxes that senders reported since the last check, at the time of the view, and their senders."""
         names: list[str] = []
         parts: list[Objects] = []
         for name in sorted(self._senders):

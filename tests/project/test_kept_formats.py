@@ -85,7 +85,10 @@ READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
 """By format: what reads the example, and one thing that it says."""
 NOT_KEPT = {
     **dict.fromkeys(
-        ("ablation/1", "study/1", "paper/1", "gain/1", "cross-play/1", "penetration/1", "seasons/1", "twins/1"),
+        (
+            *("ablation/1", "attacks/1", "study/1", "paper/1", "gain/1"),
+            *("cross-play/1", "penetration/1", "seasons/1", "twins/1"),
+        ),
         "written only",
     ),
     **dict.fromkeys(("networks/1", "conversion/1"), "written only"),

@@ -1,0 +1,201 @@
+"""The defence against senders that lie: rays, doubts, trust, motion, and the guard as a whole."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from testing.planning import own, seen, things
+
+from mdrive_sumo.contract import Message, Objects, Observation
+from mdrive_sumo.contract.detector_profiles import IDEAL
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import DT
+from mdrive_sumo.perception.announced_motion import AnnouncedMotion
+from mdrive_sumo.perception.claim_history import Claim, ClaimHistory
+from mdrive_sumo.perception.free_view import find_near, find_seen_through
+from mdrive_sumo.perception.message_guard import MessageGuard
+from mdrive_sumo.perception.sender_trust import SenderTrust
+from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, ReferencePose, encode
+
+FREE = np.full(72, 80.0)
+LIAR, HONEST = "aaaaaaaa", "bbbbbbbb"
+
+
+def sent(content: Cam | Cpm | Mcm, sender: str) -> Message:
+    message = encode(content)
+    return Message(message.type, message.payload, sender, content.pose.tick)
+
+
+def car(x: float, y: float, speed: float = 0.0) -> Objects:
+    box = things((x, y, 0.0, speed))
+    return replace(box, length=np.array([4.5]), width=np.array([1.9]))
+
+
+def look(tick: int, free_m: Float = FREE, detected: Objects | None = None, *messages: Message) -> Observation:
+    objects = Objects.empty() if detected is None else detected
+    return seen(tick, own(), replace(objects, free_m=free_m), messages)
+
+
+def test_a_box_is_refuted_by_a_ray_through_its_middle_that_goes_on() -> None:
+    assert find_seen_through(car(20.0, 0.0), own(), FREE).tolist() == [True]
+    # ends on the front of the box, and within a metre behind it
+    for end_m in (17.5, 22.0, 23.2):
+        assert find_seen_through(car(20.0, 0.0), own(), np.full(72, end_m)).tolist() == [False]
+    assert find_seen_through(car(20.0, 0.0), own(), np.full(72, 23.3)).tolist() == [True]
+
+
+def test_a_box_between_two_rays_is_not_refuted() -> None:
+    middle = 40.0 * math.tan(math.radians(2.5))  # rays at 0 and 5 degrees are 3.5 m apart there
+    assert find_seen_through(car(40.0, middle), own(), FREE).tolist() == [False]
+
+
+def test_what_hides_nothing_and_what_is_far_or_the_own_car_is_not_refuted() -> None:
+    box = car(20.0, 0.0)
+    for kind, length, is_refuted in ((0, 4.5, True), (1, 0.6, False), (2, 1.8, False), (3, 2.0, False), (3, 4.0, True)):
+        one = replace(box, kind=np.array([kind], dtype=np.uint8), length=np.array([length]))
+        assert find_seen_through(one, own(), FREE).tolist() == [is_refuted], (kind, length)
+    assert find_seen_through(car(61.0, 0.0), own(), FREE).tolist() == [False]
+    assert find_seen_through(car(3.0, 0.0), own(), FREE).tolist() == [False]
+    assert find_seen_through(box, own(), np.zeros(0)).tolist() == [False]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-50, 50), st.floats(-50, 50), st.floats(-4, 4), st.floats(0, 6.2), st.floats(0.0, 0.25))
+def test_a_real_box_is_never_refuted(x: float, y: float, yaw: float, heading: float, error_m: float) -> None:
+    """The view of a car that stands there ends on it: rays by a slower, other way (points along them)."""
+    state = replace(own(), yaw=heading)
+    free = np.array([measure_ray((x, y, yaw), heading + math.tau / 72 * i) for i in range(72)])
+    claim = replace(car(x + error_m * 0.7, y - error_m * 0.7), yaw=np.array([yaw]))
+    assert find_seen_through(claim, state, free).tolist() == [False]
+
+
+def measure_ray(box: tuple[float, float, float], angle: float) -> float:
+    """Length [m] of a ray from the origin to a box of 4.5 m x 1.9 m, by points 2 cm apart."""
+    along = np.arange(0.0, 80.0, 0.02)
+    dx, dy = along * math.cos(angle) - box[0], along * math.sin(angle) - box[1]
+    cos, sin = math.cos(box[2]), math.sin(box[2])
+    inside = (np.abs(cos * dx + sin * dy) <= 2.25) & (np.abs(cos * dy - sin * dx) <= 0.95)
+    return float(along[int(inside.argmax())]) if inside.any() else 80.0
+
+
+def test_a_detection_near_a_box_supports_it() -> None:
+    assert find_near(car(20.0, 0.0), car(22.4, 0.0)).tolist() == [True]
+    assert find_near(car(20.0, 0.0), car(22.6, 0.0)).tolist() == [False]
+    assert find_near(car(20.0, 0.0), Objects.empty()).tolist() == [False]
+
+
+def tell(history: ClaimHistory, ticks: Sequence[int], *claims: Claim, supported: Sequence[str] = ()) -> list[int]:
+    return [tick for tick in ticks if history.update(tick, claims, supported)]
+
+
+def test_a_claim_is_a_lie_after_a_second() -> None:
+    history, claim = ClaimHistory(), Claim("t1", 5.0, 0.0)
+    assert tell(history, range(0, 61, 4), claim) == [20, 44]  # it begins anew after 20
+
+
+def test_false_positives_of_half_a_second_and_supported_claims_are_no_lies() -> None:
+    history = ClaimHistory()
+    for epoch in range(20):
+        at = Claim(f"t{epoch}", 10.0 * (epoch % 7), 0.0)
+        assert tell(history, range(10 * epoch, 10 * epoch + 10, 2), at) == []
+    claim = Claim("t1", 5.0, 0.0)
+    assert tell(history, range(300, 316, 4), claim) == []
+    assert tell(history, [316], supported=["t1"]) == []
+    assert tell(history, range(320, 336, 4), claim) == []
+
+
+def test_a_phantom_that_changes_its_name_is_found_by_its_place() -> None:
+    history = ClaimHistory()
+    lies = [tick for tick in range(0, 24, 4) if history.update(tick, [Claim(f"t{tick}", 5.0, 0.1 * tick)], ())]
+    assert lies == [20]
+
+
+def test_trust_falls_at_once_and_recovers_in_time() -> None:
+    trust = SenderTrust()
+    assert trust.get(LIAR, 0) == 1.0 and trust.is_believed(LIAR, 0)
+    trust.record_contradiction(LIAR, 100)
+    assert trust.get(LIAR, 100) == pytest.approx(0.2) and not trust.is_believed(LIAR, 399)
+    assert trust.is_believed(LIAR, 401) and trust.get(LIAR, 10_000) == 1.0  # 0.02 a second
+    trust.record_contradiction(LIAR, 400)
+    trust.record_contradiction(LIAR, 401)
+    assert trust.get(LIAR, 401) == 0.0 and trust.get(HONEST, 401) == 1.0
+
+
+def mcm_at(tick: int, x: float, plan_speed: float, speed: float = 8.0) -> Mcm:
+    points = np.column_stack((x + plan_speed * 0.2 * np.arange(1.0, 11.0), np.zeros(10)))
+    return Mcm(ReferencePose(x, 0.0, 0.0, tick), speed, Intention.KEEP, Direction.FOLLOW, 0.2, points)
+
+
+def find_contradictions(positions: Sequence[tuple[int, float, float]]) -> list[int]:
+    """Ticks of MCMs (tick, x, planned speed) that contradict earlier ones."""
+    motion = AnnouncedMotion()
+    return [tick for tick, x, plan_speed in positions if motion.add(mcm_at(tick, x, plan_speed))]
+
+
+def test_a_promise_to_stand_is_broken_by_driving_on() -> None:
+    assert find_contradictions([(tick, 8.0 * tick * DT, 8.0) for tick in range(0, 100, 4)]) == []
+    assert find_contradictions([(tick, 8.0 * tick * DT, 0.0) for tick in range(0, 50, 4)])[0] == 32
+
+
+def test_a_sudden_stop_breaks_no_promise() -> None:
+    """At 8 m/s, with 6 m/s2 from tick 42 on, which no announcement before it says."""
+    drive: list[tuple[int, float, float]] = []
+    for tick in range(0, 120, 4):
+        braking_s = min(max(0.0, (tick - 42) * DT), 8.0 / 6.0)
+        x = 8.0 * min(tick, 42) * DT + 8.0 * braking_s - 3.0 * braking_s * braking_s
+        drive.append((tick, x, 8.0 - 6.0 * braking_s if tick > 42 else 8.0))
+    assert find_contradictions([(tick, x, speed) for tick, x, speed in drive if tick <= 60]) == []
+
+
+def test_a_jump_is_a_contradiction_and_a_gap_in_time_is_not() -> None:
+    motion = AnnouncedMotion()
+    cam = Cam(ReferencePose(0.0, 0.0, 0.0, 0), 8.0, 0.0, 0.0, 4.5, 1.9)
+    assert not motion.add(cam)
+    assert not motion.add(replace(cam, pose=replace(cam.pose, x=5.7, tick=2)))  # 0.8 m and 5 m
+    assert motion.add(replace(cam, pose=replace(cam.pose, x=-20.0, tick=4)))
+    assert not motion.add(replace(cam, pose=replace(cam.pose, x=90.0, tick=40)))
+
+
+def cpm_of(tick: int, objects: Objects) -> Cpm:
+    return Cpm(ReferencePose(60.0, 30.0, 0.0, tick), 80.0, objects, np.zeros(len(objects), dtype=np.uint8))
+
+
+def test_a_phantom_in_plain_view_costs_its_sender_the_trust_and_nobody_else() -> None:
+    guard, fallen_at = MessageGuard(IDEAL), {}
+    for tick in range(80):
+        liar, honest = sent(cpm_of(tick, car(25.0, 0.0)), LIAR), sent(cpm_of(tick, car(0.0, 70.0)), HONEST)
+        observation = look(tick, FREE, None, liar, honest)
+        screened, fallen, notes = guard.screen(observation)
+        fallen_at |= dict.fromkeys(fallen, tick)
+        assert [note.text for note in notes] == [f"{one}: it reports what is not there" for one in fallen]
+        if LIAR in fallen_at:
+            assert screened.messages == (honest,)
+        else:
+            assert screened is observation
+    assert fallen_at == {LIAR: 20}
+
+
+@pytest.mark.parametrize("hidden", [True, False])
+def test_a_car_that_is_hidden_or_detected_is_believed(hidden: bool) -> None:
+    free, detected = (np.full(72, 10.0), None) if hidden else (np.full(72, 22.75), car(25.2, 0.1))
+    guard = MessageGuard(IDEAL)
+    for tick in range(80):
+        observation = look(tick, free, detected, sent(cpm_of(tick, car(25.0, 0.0)), HONEST))
+        assert guard.screen(observation) == (observation, frozenset(), ())
+
+
+def test_a_sender_whose_own_place_is_seen_to_be_empty_is_not_believed() -> None:
+    guard, fallen = MessageGuard(IDEAL), frozenset[str]()
+    for tick in range(40):
+        cam = Cam(ReferencePose(20.0, 0.0, 0.0, tick), 0.0, 0.0, 0.0, 4.5, 1.9)
+        fallen |= guard.screen(look(tick, FREE, None, sent(cam, LIAR)))[1]
+    assert fallen == {LIAR}
+
+
+def test_unreadable_messages_are_left_to_the_tracker() -> None:
+    observation = look(0, FREE, None, Message("cpm", b"nonsense", LIAR, 0), Message("hello", b"", LIAR, 0))
+    assert MessageGuard(IDEAL).screen(observation) == (observation, frozenset(), ())
