@@ -11,7 +11,7 @@ import numpy as np
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
-from mdrive_sumo.v2x.messages import Cam, Mcm
+from mdrive_sumo.v2x.messages import Cam, Denm, Mcm
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +47,14 @@ class AnnouncedMotion:
         self._announced: deque[Mcm] = deque()
         self._broken_count = 0
 
-    def add(self, content: Cam | Mcm) -> bool:
+    def add(self, content: Cam | Mcm | Denm) -> bool:
         """Add a message; return whether it contradicts what the sender said before."""
         is_jump = self._jumps(content)
         if isinstance(content, Mcm):
             return self._breaks_announcements(content) or is_jump
         return is_jump
 
-    def _jumps(self, content: Cam | Mcm) -> bool:
+    def _jumps(self, content: Cam | Mcm | Denm) -> bool:
         pose, last = content.pose, self._last
         self._last = pose.tick, pose.x, pose.y, abs(content.speed)
         if last is None or not 0 <= pose.tick - last[0] <= self._parameters.longest_ticks:

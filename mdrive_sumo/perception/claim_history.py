@@ -25,6 +25,8 @@ class ClaimParameters:
 
 
 CLAIMS = ClaimParameters()
+ETSI_CLAIMS = replace(CLAIMS, lie_ticks=2 * TICKS_PER_SECOND, gap_ticks=TICKS_PER_SECOND + TICKS_PER_SECOND // 4)
+"""Under `--v2x-rate etsi` a CPM tells of a standing object once a second: a lie is refuted three times in a row."""
 
 
 class Claim(NamedTuple):

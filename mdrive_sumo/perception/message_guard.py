@@ -16,10 +16,11 @@ from mdrive_sumo.contract.detector_profiles import PROFILES
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
 from mdrive_sumo.perception.announced_motion import AnnouncedMotion
-from mdrive_sumo.perception.claim_history import Claim, ClaimHistory
+from mdrive_sumo.perception.claim_history import CLAIMS, ETSI_CLAIMS, Claim, ClaimHistory
 from mdrive_sumo.perception.free_view import find_near, find_seen_through
+from mdrive_sumo.perception.object_tracker import KINDS
 from mdrive_sumo.perception.sender_trust import SenderTrust
-from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cam, Cpm, Mcm
+from mdrive_sumo.v2x.messages import Cam, Cpm, Denm, Mcm
 from mdrive_sumo.v2x.shared_reading import decode_shared, find_shared_problem
 
 CHECK_TICKS = 4
@@ -34,8 +35,8 @@ DISTRUST = "distrust"
 class _Sender:
     """What is known of one sender."""
 
+    claims: ClaimHistory
     motion: AnnouncedMotion = field(default_factory=AnnouncedMotion)
-    claims: ClaimHistory = field(default_factory=ClaimHistory)
     cam: Cam | None = None
     """Its newest CAM that no check has used; so for the CPM."""
     cpm: Cpm | None = None
@@ -44,8 +45,9 @@ class _Sender:
 class MessageGuard:
     """The guard of one CAV."""
 
-    def __init__(self, detector: str) -> None:
-        """detector: profile of the own detections, which come with its latency."""
+    def __init__(self, detector: str, v2x_rate: str = "fixed") -> None:
+        """detector: profile of the own detections, which come with its latency. v2x_rate: of the episode."""
+        self._claim_parameters = ETSI_CLAIMS if v2x_rate == "etsi" else CLAIMS
         self._latency_ticks = PROFILES[detector].latency_ticks
         self._trust = SenderTrust()
         self._senders: dict[str, _Sender] = {}
@@ -78,17 +80,22 @@ class MessageGuard:
         """Store the messages; return the senders whose motion contradicts what they said, with the reason."""
         contradictions: dict[str, str] = {}
         for message in seen.messages:
-            if message.type not in (CAM, CPM, MCM) or find_shared_problem(message) is not None:
+            if message.type not in KINDS or find_shared_problem(message) is not None:
                 continue
-            content, sender = decode_shared(message), self._senders.setdefault(message.sender, _Sender())
+            content, sender = decode_shared(message), self._get_sender(message.sender)
             if isinstance(content, Cpm):
                 sender.cpm = content
-            elif isinstance(content, Cam | Mcm):
+            elif isinstance(content, Cam | Mcm | Denm):
                 if sender.motion.add(content):
                     contradictions[message.sender] = "it does not move as it says"
                 if isinstance(content, Cam):
                     sender.cam = content
         return list(contradictions.items())
+
+    def _get_sender(self, name: str) -> _Sender:
+        if name not in self._senders:
+            self._senders[name] = _Sender(ClaimHistory(self._claim_parameters))
+        return self._senders[name]
 
     def _compare_with_view(self, seen: Observation) -> list[tuple[str, str]]:
         """Return the senders that report, and have long reported, what the own view refutes, with the reason."""

@@ -131,6 +131,7 @@ class ObjectTracker:
         """Forget what only that station has reported, as it is not believed any more."""
         self._tracks.drop_source(sender)
         self._waiting = {key: message for key, message in self._waiting.items() if key[1] != sender}
+        self._earlier_cpms = [message for message in self._earlier_cpms if message.sender != sender]
 
     @property
     def position_sigmas(self) -> Mapping[str, float]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.v2x.attacks.message_rewriting import read_content, rewrite
-from mdrive_sumo.v2x.content import Mcm
+from mdrive_sumo.v2x.content import Denm, Mcm
 
 
 class ReplayedMessages:
@@ -36,4 +36,6 @@ def restamp(message: Message, ticks: int) -> Message:
     later = replace(content, pose=replace(content.pose, tick=content.pose.tick + ticks))
     if isinstance(later, Mcm):
         later = replace(later, until_tick=later.until_tick + ticks)
+    if isinstance(later, Denm):
+        later = replace(later, detection_tick=later.detection_tick + ticks)
     return rewrite(message, later)
