@@ -78,12 +78,13 @@ class _EtsiServices:
         """Return the CAM that is to be sent, None if none is due."""
         pose = cam.pose
         due = self._cam_rule.check(pose.tick, StationMotion(pose.x, pose.y, pose.yaw, cam.speed))
-        path = [place for place in self._path if portable.distance(place, (pose.x, pose.y)) < PATH_REACH_M]
-        if not path or portable.distance(path[-1], (pose.x, pose.y)) >= PATH_STEP_M:
-            self._path = [*path, (pose.x, pose.y)][-PATH_POINTS:]
+        place, path = (pose.x, pose.y), self._path
+        if not path or portable.hypot(path[-1][0] - pose.x, path[-1][1] - pose.y) >= PATH_STEP_M:
+            self._path = [*path, place][-PATH_POINTS:]
         if due is None or not due.has_low_frequency:
             return due and cam
-        return replace(cam, path_history=np.array(path[::-1], dtype=np.float64).reshape(-1, 2))
+        former = [one for one in path[::-1] if portable.distance(one, place) < PATH_REACH_M]
+        return replace(cam, path_history=np.array(former, dtype=np.float64).reshape(-1, 2))
 
     def check_denms(self, observation: Observation, cam: Cam, objects: Objects) -> list[Denm]:
         """Return the DENMs that are to be sent. Call it after the CPM, which knows what is no false positive."""

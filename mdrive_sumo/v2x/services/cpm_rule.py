@@ -55,11 +55,16 @@ CPM_GENERATION = CpmGeneration()
 class _Included(NamedTuple):
     """An object as the last CPM with it had it."""
 
-    tick: int
+    tick: float
     x: float
     y: float
     yaw: float
     speed: float
+
+
+NEVER = _Included(-math.inf, 0.0, 0.0, 0.0, 0.0)
+"""Of an object that no CPM has had: infinitely long ago."""
+BELOW_ONE = 0.999
 
 
 @dataclass(slots=True)
@@ -147,39 +152,38 @@ class CpmRule:
         The order is ours, the standard leaves it to the station: new objects, then pedestrians and cyclists, then
         others; of each the one with the greatest change relative to its threshold, then the nearest.
         """
+        if not sightings:
+            return np.zeros(0, dtype=np.int64)
         confirmed = np.array([one.is_confirmed for one in sightings], dtype=np.bool_)
-        changes = np.array([self._rate_change(tick, objects, row, one) for row, one in enumerate(sightings)])
+        before = np.array([one.included or NEVER for one in sightings], dtype=np.float64).T
+        changes = self._rate_changes(tick, objects, before)
         on_foot = _find_pedestrians(objects)
-        is_group_due = (confirmed & on_foot & (self._count_ages(tick, sightings) >= self._parameters.group_ticks)).any()
+        is_group_due = (confirmed & on_foot & (tick - before[0] >= self._parameters.group_ticks)).any()
         is_due = confirmed & ((changes >= 1.0) | (on_foot & is_group_due))
         order = np.lexsort((-changes, ~on_foot, ~np.isinf(changes)))
         return order[is_due[order]]
 
-    def _count_ages(self, tick: int, sightings: list[_Sighting]) -> Float:
-        """Return the ticks (N,) since each object was included; infinite for new ones."""
-        return np.array([math.inf if one.included is None else tick - one.included.tick for one in sightings])
+    def _rate_changes(self, tick: int, objects: Objects, before: Float) -> Float:
+        """Return the greatest change (N,) of objects since they were included, relative to what triggers; inf: new.
 
-    def _rate_change(self, tick: int, objects: Objects, row: int, sighting: _Sighting) -> float:
-        """Return the greatest change of an object since it was included, relative to what triggers; inf: it is new."""
-        before = sighting.included
-        if before is None:
-            return math.inf
-        x, y, speed = float(objects.x[row]), float(objects.y[row]), float(objects.speed[row])
+        before: (5, N) columns of `_Included`.
+        """
+        ticks, x, y, yaw, speed = before
         least = self._least_changes
         rates = [
-            _exceed(portable.hypot(x - before.x, y - before.y), least.distance_m),
-            _exceed(abs(speed - before.speed), least.speed),
-            (tick - before.tick) / self._parameters.max_ticks,
+            _exceed(portable.hypot(objects.x - x, objects.y - y), least.distance_m),
+            _exceed(np.abs(objects.speed - speed), least.speed),
+            (tick - ticks) / self._parameters.max_ticks,
         ]
-        if min(abs(speed), abs(before.speed)) > least.speed:  # what stands has no direction of motion
-            turn = wrap_angles(np.array((float(objects.yaw[row]) - before.yaw,)))
-            rates.append(_exceed(abs(float(turn[0])), least.heading))
-        return max(rates)
+        # What stands has no direction of motion.
+        moves = np.minimum(np.abs(objects.speed), np.abs(speed)) > least.speed
+        rates.append(_exceed(np.where(moves, np.abs(wrap_angles(objects.yaw - yaw)), 0.0), least.heading))
+        return np.maximum.reduce(rates)
 
 
-def _exceed(change: float, threshold: float) -> float:
-    """Return a change relative to its threshold, below 1 unless it exceeds it."""
-    return change / threshold if change > threshold else min(change / threshold, 0.999)
+def _exceed(change: Float, threshold: float) -> Float:
+    """Return changes (N,) relative to their threshold, below 1 unless they exceed it."""
+    return np.where(change > threshold, change / threshold, np.minimum(change / threshold, BELOW_ONE))
 
 
 def _compute_least_changes(profile: DetectionProfile, parameters: CpmGeneration) -> MotionThresholds:
