@@ -21,7 +21,18 @@ from mdrive_sumo.report.speed_changes import (
     list_runs,
 )
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
-from mdrive_sumo.v2x.messages import MCM, TEXT, Intention, Mcm, MessageError, decode
+from mdrive_sumo.v2x.messages import (
+    DENM,
+    MCM,
+    TEXT,
+    Denm,
+    EventCause,
+    Intention,
+    Mcm,
+    MessageError,
+    decode,
+    find_problem,
+)
 
 NEARLY_STANDING = 0.5
 """[m/s] Below this speed a car that goes on has almost stopped."""
@@ -55,6 +66,11 @@ INTENTION_WORDS = {
     Intention.SLOWER: "slow down",
     Intention.KEEP: "keep its speed",
     Intention.FASTER: "speed up",
+}
+EVENT_WORDS = {
+    EventCause.STATIONARY_VEHICLE: "itself, because it stands",
+    EventCause.COLLISION_RISK: "a collision that it expects",
+    EventCause.DANGEROUS_SITUATION: "its emergency braking",
 }
 
 
@@ -158,7 +174,7 @@ class CavStory:
         return [told, "Its agent noted no reasons, so this is only what the recording shows."]
 
     def _list_lines(self) -> list[StoryLine]:
-        told = self._tell_losses(), self._tell_motion(), self._tell_negotiation()
+        told = self._tell_losses(), self._tell_motion(), self._tell_negotiation(), self._tell_warnings()
         lines = [*self._tell_drivers(), *(line for lines in told for line in lines), self._tell_ending()]
         return sorted(lines, key=lambda line: line.tick)
 
@@ -318,6 +334,19 @@ class CavStory:
                 if terms and terms != before:
                     yield StoryLine(message.tick, terms + self._describe_intention(content))
                 before = terms
+
+    def _tell_warnings(self) -> Iterator[StoryLine]:
+        """Yield what it warned others of, once for each event."""
+        told: set[int] = set()
+        for sent in self.episode.messages:
+            message = sent.message
+            if message.sender != self.ego or message.type != DENM or find_problem(message) is not None:
+                continue
+            denm = decode(message)
+            assert isinstance(denm, Denm), "expected a DENM"
+            if denm.sequence not in told:
+                told.add(denm.sequence)
+                yield StoryLine(message.tick, f"warns of {EVENT_WORDS[denm.cause]}")
 
     def _describe_terms(self, mcm: Mcm) -> str:
         """Return what an MCM negotiates and with which CAVs, in words; "" if it does not."""

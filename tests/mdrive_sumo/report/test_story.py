@@ -17,7 +17,16 @@ from mdrive_sumo.report.reasons import SENTENCES, describe_reason, list_reasons
 from mdrive_sumo.report.story import CavStory
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.v2x.channel import SentMessage
-from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, ReferencePose, encode
+from mdrive_sumo.v2x.messages import (
+    Denm,
+    Direction,
+    EventCause,
+    Intention,
+    Mcm,
+    ReferencePose,
+    Termination,
+    encode,
+)
 
 CAR, WALKER, CONE = (40.0, 0.0), (20.0, 8.0), (5.0, -9.0)
 """Where the other road users stand: the car in the lane of the CAV, which drives along +x."""
@@ -218,6 +227,18 @@ def test_negotiation_is_told_when_it_changes() -> None:
         "negotiates with CAV 1: asks CAV 1 to stop, agrees with CAV 2, refuses CAV 3, will itself keep its speed",
         'says "I wait for 0."',
     ]
+
+
+def test_each_event_that_it_warned_of_is_told_once() -> None:
+    pose = ReferencePose(0.0, 0.0, 0.0, 5)
+    brakes = Denm(pose, 0, EventCause.DANGEROUS_SITUATION, 1, 0.0, 0.0, 5, 1.0, 8.0, 4.9, 2.0)
+    stands = replace(brakes, sequence=1, cause=EventCause.STATIONARY_VEHICLE)
+    over = replace(stands, termination=Termination.CANCELLATION)
+    sent = [("0", 5, brakes), ("0", 7, brakes), ("1", 8, brakes), ("0", 9, stands), ("0", 11, over)]
+    messages = [replace(encode(denm), sender=sender, tick=tick) for sender, tick, denm in sent]
+    channel = tuple(SentMessage(message, {}) for message in (*messages, Message("denm", b"nonsense", "0", 12)))
+    lines = [line[10:] for line in tell(record(SPEEDS, messages=channel)) if "warns" in line]
+    assert lines == ["warns of its emergency braking", "warns of itself, because it stands"]
 
 
 def test_a_moment_says_what_holds_and_since_when() -> None:
