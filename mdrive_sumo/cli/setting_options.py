@@ -17,6 +17,7 @@ from mdrive_sumo.runs.agent_spec import parse_agent_limits
 from mdrive_sumo.runs.run_config import MAX_SEED, MAX_SEEDS, RunConfig
 from mdrive_sumo.v2x.comm_settings import PER, PRESETS, CommSettings
 from mdrive_sumo.v2x.messages import TYPES
+from mdrive_sumo.v2x.radio.radio_settings import CornerModel, RadioProfile, RadioSettings
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Option = Callable[[Any], Any]
@@ -37,6 +38,10 @@ _CHANNEL_OPTIONS: Mapping[str, Mapping[str, Any]] = {
         "metavar": "SENDER/TYPE[@TICK]",
         "help": "Drop these messages; * is any. SENDER: an id of the scenarios.",
     },
+    "comm_power": {"metavar": "DBM", "help": "Radios: transmit power."},
+    "comm_gain": {"metavar": "DBI", "help": "Radios: gain of every antenna."},
+    "comm_corner": {"metavar": "|".join(CornerModel), "help": "Radios: path loss round the corner of a house."},
+    "connected_background": {"metavar": "P", "help": "Radios: share of background vehicles that send CAMs."},
 }
 """Changes of the channel that `--comm` names: arguments of `click.option` by the name of the option."""
 
@@ -164,6 +169,8 @@ def parse_comm_options(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **g
 def _set_option(comm: CommSettings, option: str, text: str) -> CommSettings:
     if option == "comm_budget":
         return replace(comm, budget_bytes_s=_parse_number(text))
+    if option in _RADIO_FIELDS:
+        return replace(comm, radio=_set_radio_option(comm, option, text))
     parse = _PARSERS[option]
     for name, values in _split_by_type(text).items():
         fields = parse(values)
@@ -173,6 +180,24 @@ def _set_option(comm: CommSettings, option: str, text: str) -> CommSettings:
             links = {other: replace(link, **fields) for other, link in comm.by_type.items()}
             comm = replace(comm, link=replace(comm.link, **fields), by_type=links)
     return comm
+
+
+def _set_radio_option(comm: CommSettings, option: str, text: str) -> RadioSettings:
+    if comm.radio is None:
+        raise ValueError(f"expected a radio, --comm {' or '.join(RadioProfile)}, found --comm {comm.preset}")
+    if option == "comm_corner":
+        if text not in tuple(CornerModel):
+            raise ValueError(f"expected one of {', '.join(CornerModel)}, found {text!r:.40}")
+        return replace(comm.radio, corner_model=CornerModel(text))
+    return replace(comm.radio, **{_RADIO_FIELDS[option]: _parse_number(text)})
+
+
+_RADIO_FIELDS: Mapping[str, str] = {
+    "comm_power": "power_dbm",
+    "comm_gain": "antenna_gain_dbi",
+    "comm_corner": "corner_model",
+    "connected_background": "connected_background",
+}
 
 
 def _split_by_type(text: str) -> dict[str, list[str]]:

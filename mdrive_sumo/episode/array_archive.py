@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import open_regular
-from mdrive_sumo.episode.episode_schema import ARRAYS
+from mdrive_sumo.episode.episode_schema import ARRAYS, OF_RADIO
 
 MAX_BYTES = 2**30
 """Bytes of all arrays of a recording together; the largest of the benchmark have 3 MB."""
@@ -93,9 +93,14 @@ def _read_header(name: str, head: io.BytesIO) -> tuple[tuple[int, ...], bool, "n
 
 
 def check_shapes(arrays: Mapping[str, npt.NDArray[Any]], sizes: Mapping[str, int]) -> None:
-    """Raise ValueError unless every array is there in the shape of `ARRAYS`; `sizes` are the known dimensions."""
+    """Raise ValueError unless every array is there in the shape of `ARRAYS`; `sizes` are the known dimensions.
+
+    Those of a radio may be missing.
+    """
     size_by_symbol = dict(sizes)
     for name, wanted in ARRAYS.items():
+        if name not in arrays and name in OF_RADIO:
+            continue
         if name not in arrays:
             raise ValueError(f"no array {name}")
         for symbol, size in zip(wanted.shape, arrays[name].shape, strict=True):

@@ -15,6 +15,7 @@ from mdrive_sumo.core.state import Contact, End, FailureReason
 from mdrive_sumo.episode.episode_schema import SignalEntry, ThinkTimeEntry
 from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import SentMessage
+from mdrive_sumo.v2x.radio.radio_medium import BusyRatio
 
 SENSING_TRACK = "sensing_track"
 """Key of `EpisodeRecord.about`: a `contract.SensingTrack`; absent in recordings of logs, which no agent drove."""
@@ -92,6 +93,8 @@ class EpisodeRecord:
     """(T, 8): the chained digest after each tick."""
     messages: tuple[SentMessage, ...] = ()
     """All messages sent over the channel, in the order of sending, with their delivery."""
+    busy_ratios: tuple[BusyRatio, ...] = ()
+    """Load of a radio, as every station measured it; empty for other channels."""
     notes: tuple[NoteRecord, ...] = ()
     dropped_notes: int = 0
     """Notes beyond the limits of an episode, which were not kept; see `recorder.NoteLog`."""

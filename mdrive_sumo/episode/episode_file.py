@@ -17,10 +17,12 @@ from mdrive_sumo.core.output_files import new_file
 from mdrive_sumo.core.state import Contact, Kind
 from mdrive_sumo.episode.array_archive import Arrays, read_arrays
 from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanRecord
-from mdrive_sumo.episode.episode_schema import FORMAT, EpisodeHeader
+from mdrive_sumo.episode.episode_schema import FORMAT, NO_LINK, EpisodeHeader
 from mdrive_sumo.episode.recording_checks import check_recording, parse_header
 from mdrive_sumo.scenario.scenario import shorten_value
 from mdrive_sumo.v2x.channel import Delivery, DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.radio.path_loss import LinkClass
+from mdrive_sumo.v2x.radio.radio_medium import AirLink, BusyRatio
 
 _CORRUPT = (
     OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RuntimeError, NotImplementedError,
@@ -45,6 +47,7 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         "plans": [(p.tick, p.ego, p.interval_s, len(p.points)) for p in episode.plans],
         "messages": [(m.sender, m.tick, m.type, len(m.payload)) for m in (sent.message for sent in episode.messages)],
         "receivers": _list_receivers(episode.messages),
+        **({"stations": _list_stations(episode)} if episode.busy_ratios else {}),
         "notes": [(n.tick, n.ego, n.note.kind, n.note.text) for n in episode.notes],
         **({"dropped_notes": episode.dropped_notes} if episode.dropped_notes else {}),
         "thinking": episode.thinking,
@@ -62,6 +65,7 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         "payloads": np.frombuffer(b"".join(sent.message.payload for sent in episode.messages), dtype=np.uint8),
         "fates": _compute_differences(_fates(episode.messages)),
         "digests": episode.digests,
+        **(_pack_radio(episode) if episode.busy_ratios else {}),
     }
     with new_file(path) as file:
         np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
@@ -109,6 +113,7 @@ def _build_record(header: EpisodeHeader, data: Arrays) -> EpisodeRecord:
         endings=tuple(Ending(**dict(ending)) for ending in header.endings),
         digests=data["digests"],
         messages=_build_messages(header, data),
+        busy_ratios=_build_busy_ratios(header, data),
         notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header.notes),
         dropped_notes=header.dropped_notes,
         thinking=tuple(header.thinking),
@@ -131,13 +136,39 @@ def _fates(messages: Sequence[SentMessage]) -> npt.NDArray[np.int32]:
     return np.array(rows, dtype=np.int32).reshape(-1, 4)
 
 
+def _list_stations(episode: EpisodeRecord) -> list[str]:
+    return sorted({station for _, station, _ in episode.busy_ratios})
+
+
+def _pack_radio(episode: EpisodeRecord) -> dict[str, npt.NDArray[np.signedinteger[Any]]]:
+    """Return the arrays of a radio: the links in the order of `_fates`, and the busy ratios."""
+    column = {name: i for i, name in enumerate(_list_stations(episode))}
+    links = [sent.links.get(receiver, (NO_LINK, 0)) for sent in episode.messages for receiver in sent.deliveries]
+    ratios = [(tick, column[station], round(ratio * 1000)) for tick, station, ratio in episode.busy_ratios]
+    return {
+        "links": np.array(links, dtype=np.int16).reshape(-1, 2),
+        "busy_ratios": _compute_differences(np.array(ratios, dtype=np.int32).reshape(-1, 3)),
+    }
+
+
+def _build_busy_ratios(header: EpisodeHeader, data: Arrays) -> tuple[BusyRatio, ...]:
+    rows = np.cumsum(data["busy_ratios"], axis=0).tolist() if "busy_ratios" in data else []
+    return tuple(BusyRatio(tick, header.stations[station], ratio / 1000) for tick, station, ratio in rows)
+
+
 def _build_messages(header: EpisodeHeader, data: Arrays) -> tuple[SentMessage, ...]:
     fates: list[dict[str, Delivery]] = [{} for _ in header.messages]
-    for i, receiver, fate, tick in np.cumsum(data["fates"], axis=0).tolist():
+    links: list[dict[str, AirLink]] = [{} for _ in header.messages]
+    rows = np.cumsum(data["fates"], axis=0).tolist()
+    for i, receiver, fate, tick in rows:
         fates[i][header.receivers[receiver]] = Delivery(_FATES[fate], tick)
+    levels: list[list[int]] = data["links"].tolist() if "links" in data else []
+    for (i, receiver, *_), (kind, power_dbm) in zip(rows, levels, strict=False):
+        if kind != NO_LINK:
+            links[i][header.receivers[receiver]] = AirLink(LinkClass(kind), power_dbm)
     payloads, begin, messages = data["payloads"].tobytes(), 0, list[SentMessage]()
-    for (sender, tick, name, size), what in zip(header.messages, fates, strict=True):
-        messages.append(SentMessage(Message(name, payloads[begin : begin + size], sender, tick), what))
+    for (sender, tick, name, size), what, over in zip(header.messages, fates, links, strict=True):
+        messages.append(SentMessage(Message(name, payloads[begin : begin + size], sender, tick), what, over))
         begin += size
     return tuple(messages)
 

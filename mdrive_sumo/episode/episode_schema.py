@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core.state import End, FailureReason, Kind
 from mdrive_sumo.v2x.channel import DeliveryStatus
+from mdrive_sumo.v2x.radio.path_loss import LinkClass
 
 FORMAT = "mdrive-sumo/episode/3"
 
@@ -103,6 +104,8 @@ class EpisodeHeader(BaseModel):
     messages: list[MessageEntry]
     receivers: list[str]
     """Ids that the second column of `fates` refers to, sorted."""
+    stations: list[str] = []
+    """Ids that the second column of `busy_ratios` refers to, sorted; empty unless the channel was a radio."""
     notes: list[NoteEntry]
     dropped_notes: int = 0
     """Notes beyond the limits of an episode, which are not in the file."""
@@ -132,12 +135,19 @@ DIMENSIONS: Mapping[str, str] = MappingProxyType(
         "P": "points of all plans",
         "B": "payload bytes of all messages",
         "F": "deliveries: pairs of a message and a receiver",
+        "F0": "F; 0 unless the channel was a radio",
+        "L": "measurements of the load of the channel; 0 unless it was a radio",
     }
 )
 _NARROWEST = ("int8", "int16", "int32")
 _KINDS = ", ".join(f"{kind.value} {kind.name.lower()}" for kind in Kind)
+NO_LINK = -1
+"""Class of the link of a message that the radio did not take."""
+_LINKS = f"{NO_LINK} none, " + ", ".join(f"{kind.value} {kind.name}" for kind in LinkClass)
 _FATES = ", ".join(f"{i} {fate}" for i, fate in enumerate(DeliveryStatus))
 
+OF_RADIO = frozenset({"links", "busy_ratios"})
+"""The arrays of a radio: recordings of other channels lack them."""
 ARRAYS: Mapping[str, ArrayFormat] = MappingProxyType(
     {
         "header": ArrayFormat(("uint8",), ("H",), "", "UTF-8 JSON, see the property `header`"),
@@ -170,6 +180,20 @@ ARRAYS: Mapping[str, ArrayFormat] = MappingProxyType(
             "",
             "delivery of the messages: index in `messages`, index in `receivers`, delivery"
             f" ({_FATES}), tick; first differences along axis 0",
+        ),
+        "links": ArrayFormat(
+            ("int16",),
+            ("F0", 2),
+            "1, 1 dBm",
+            f"radio link of each delivery when its message was sent: class ({_LINKS}), received power;"
+            " absent unless the channel was a radio",
+        ),
+        "busy_ratios": ArrayFormat(
+            ("int32",),
+            ("L", 3),
+            "1 tick, 1, 0.001",
+            "share of the time that the channel was busy: tick, index in `stations`, ratio; first differences along"
+            " axis 0; absent unless the channel was a radio",
         ),
         "digests": ArrayFormat(("uint8",), ("T", 8), "", "chained BLAKE2b digest after each tick"),
     }

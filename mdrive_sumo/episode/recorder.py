@@ -22,6 +22,7 @@ from mdrive_sumo.episode.episode import (
 )
 from mdrive_sumo.episode.quantization import pack_controls, pack_states, round_points
 from mdrive_sumo.v2x.channel import SentMessage
+from mdrive_sumo.v2x.radio.radio_medium import BusyRatio
 
 MAX_KINDS = 32
 """Kinds of notes in an episode. The baselines use four."""
@@ -183,7 +184,11 @@ class Recorder:
         return self._digests[-1].hex() if self._digests else ""
 
     def finish(
-        self, endings: Sequence[Ending], sent: Sequence[SentMessage] = (), thinking: Sequence[ThinkTimeEntry] = ()
+        self,
+        endings: Sequence[Ending],
+        sent: Sequence[SentMessage] = (),
+        thinking: Sequence[ThinkTimeEntry] = (),
+        busy_ratios: Sequence[BusyRatio] = (),
     ) -> EpisodeRecord:
         """Return the record of all added ticks."""
         shape = (len(self._rows), len(self._columns))
@@ -214,6 +219,7 @@ class Recorder:
             endings=tuple(endings),
             digests=np.frombuffer(b"".join(self._digests), dtype=np.uint8).reshape(shape[0], DIGEST_BYTES),
             messages=tuple(sent),
+            busy_ratios=tuple(busy_ratios),
             notes=self._notes.records,
             dropped_notes=self._notes.dropped,
             thinking=tuple(thinking),

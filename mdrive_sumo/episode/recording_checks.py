@@ -9,9 +9,10 @@ from pydantic import ValidationError
 from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.state import End, Kind
 from mdrive_sumo.episode.array_archive import Arrays, check_shapes
-from mdrive_sumo.episode.episode_schema import EpisodeHeader
+from mdrive_sumo.episode.episode_schema import NO_LINK, OF_RADIO, EpisodeHeader
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.v2x.channel import DeliveryStatus
+from mdrive_sumo.v2x.radio.path_loss import LinkClass
 
 MAX_TICK = 2**31
 """Ticks are summed as int64 and shown as times: none of a recording comes near it."""
@@ -76,3 +77,15 @@ def _check_references(header: EpisodeHeader, arrays: Arrays) -> None:
     ends = (len(header.messages), len(header.receivers), len(DeliveryStatus), MAX_TICK)
     if ((rows < (0, 0, 0, -MAX_TICK)) | (rows >= ends)).any():
         raise ValueError("fates: an index that does not exist")
+    if OF_RADIO & set(arrays):
+        _check_radio(header, arrays)
+
+
+def _check_radio(header: EpisodeHeader, arrays: Arrays) -> None:
+    if not set(arrays) >= OF_RADIO or len(arrays["links"]) != len(arrays["fates"]):
+        raise ValueError("links and busy_ratios: expected both, and a link for each delivery")
+    if not {*arrays["links"][:, 0].tolist()} <= {NO_LINK, *map(int, LinkClass)}:
+        raise ValueError("links: an unknown class")
+    rows = np.cumsum(arrays["busy_ratios"], axis=0, dtype=np.int64)
+    if ((rows < (-MAX_TICK, 0, 0)) | (rows >= (MAX_TICK, len(header.stations), 1001))).any():
+        raise ValueError("busy_ratios: an index that does not exist, or a ratio above 1")

@@ -35,6 +35,7 @@ from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.scoring import criteria
 from mdrive_sumo.sensing.briefing_builder import build_briefing
 from mdrive_sumo.sensing.observation_builder import ObservationBuilder, SensorContext, build_sensing_frame
+from mdrive_sumo.sensing.radio_scene_builder import RadioSceneBuilder, choose_environment
 from mdrive_sumo.sensing.roadside_units import RoadsideUnits
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
 from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, derive_sensing_track
@@ -43,6 +44,7 @@ from mdrive_sumo.v2x.attacks.falsifier import Falsifier
 from mdrive_sumo.v2x.attacks.route_point import Receiver
 from mdrive_sumo.v2x.channel import Channel
 from mdrive_sumo.v2x.messages import FLOOD
+from mdrive_sumo.v2x.radio.radio_scene import RadioScene
 from mdrive_sumo.vehicle import control, dynamics
 
 
@@ -77,8 +79,11 @@ class EpisodeSimulation:
         lying = {ATTACKERS: " ".join(sorted(config.attackers))} if config.attackers else {}
         about = {**config.about, SENSING_TRACK: self.sensing_track.value, **lying}
         self._recorder = Recorder(scenario.id, about, self._dimensions, config.pseudonyms)
-        self._channel = Channel(config.options.comm, derive_seed(config.seed, scenario.id, "channel"))
         self._falsifier = _make_falsifier(config)
+        channel_seed = derive_seed(config.seed, scenario.id, "channel")
+        self._channel = Channel(config.options.comm, channel_seed, choose_environment(config.roads))
+        radio = config.options.comm.radio
+        self._radio_scenes = RadioSceneBuilder(radio, config.roads, channel_seed) if radio is not None else None
         self.briefings: Mapping[str, Briefing] = self._build_briefings()
         """What the agent of each CAV learns before the first tick."""
         self.is_done = False
@@ -167,7 +172,8 @@ class EpisodeSimulation:
         if not self.is_done:
             raise RuntimeError("episode: expected every CAV to have ended before finish()")
         endings = [self._endings[ego.id] for ego in self._config.scenario.egos]
-        return self._recorder.finish(endings, self._channel.sent_messages(), think_times)
+        channel = self._channel
+        return self._recorder.finish(endings, channel.sent_messages(), think_times, channel.list_busy_ratios())
 
     def _build_briefings(self) -> dict[str, Briefing]:
         config, facts = self._config, dynamics.to_vehicle_facts(VEHICLE)
@@ -264,7 +270,15 @@ class EpisodeSimulation:
         if messages:
             egos = self.active_egos
             positions = {ego: (frame.egos[ego].x, frame.egos[ego].y) for ego in egos} | self._roadside.positions
-            self._channel.send(frame.tick, messages, positions, receivers=egos)
+            self._channel.send(frame.tick, messages, positions, receivers=egos, scene=self._build_radio_scene(frame))
+
+    def _build_radio_scene(self, frame: Frame) -> RadioScene | None:
+        """Return the scene of all stations; None if the channel is no radio."""
+        if self._radio_scenes is None:
+            return None
+        scene = self._scene if self._scene is not None else build_sensing_frame(frame, self._dimensions)
+        with_background = self._channel.is_background_due(frame.tick)
+        return self._radio_scenes.build(scene, self.active_egos, self._roadside.positions, with_background)
 
     def _falsify(
         self, falsifier: Falsifier, frame: Frame, messages: Mapping[str, tuple[Message, ...]]

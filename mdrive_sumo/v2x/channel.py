@@ -3,17 +3,20 @@
 import math
 from collections import Counter, deque
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum, auto
 from typing import NamedTuple
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.compiled import twin
-from mdrive_sumo.core.seeding import UNIFORMS, draw_normals, draw_uniforms
+from mdrive_sumo.core.seeding import UNIFORMS, derive_seed, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import FLOOD, displace_message
+from mdrive_sumo.v2x.radio.path_loss import RadioEnvironment
+from mdrive_sumo.v2x.radio.radio_medium import AirLink, BusyRatio, RadioMedium, Transmission
+from mdrive_sumo.v2x.radio.radio_scene import RadioScene
 from mdrive_sumo.v2x.shared_reading import find_shared_problem
 
 Position = tuple[float, float]
@@ -28,7 +31,7 @@ MAX_COUNTED_PROBLEMS = 8
 
 
 class DeliveryStatus(StrEnum):
-    """Delivery status of a message for one receiver, or (the last four) for all receivers."""
+    """Delivery status of a message for one receiver, or (`MUTED` to `EXPIRED`) for all receivers."""
 
     DELIVERED = auto()
     LOST = auto()
@@ -41,10 +44,26 @@ class DeliveryStatus(StrEnum):
     """The payload is not valid for the type."""
     OFF = auto()
     """The channel is switched off."""
+    EXPIRED = auto()
+    """The radio did not get to send it in time."""
+    LOST_PATH_LOSS = "lost-path-loss"
+    """Too weak at the receiver, without interference."""
+    LOST_BUSY_RECEIVER = "lost-busy-receiver"
+    """The receiver was receiving another packet, which the sender did not hear."""
+    LOST_HALF_DUPLEX = "lost-half-duplex"
+    """The receiver was sending."""
+    LOST_COLLISION = "lost-collision"
+    """Spoiled by a packet of another station."""
 
 
 NOT_TRANSMITTED = frozenset(
-    {DeliveryStatus.MUTED, DeliveryStatus.OVER_BUDGET, DeliveryStatus.MALFORMED, DeliveryStatus.OFF}
+    {
+        DeliveryStatus.MUTED,
+        DeliveryStatus.OVER_BUDGET,
+        DeliveryStatus.MALFORMED,
+        DeliveryStatus.OFF,
+        DeliveryStatus.EXPIRED,
+    }
 )
 """What becomes of messages that the sender's radio never transmits, alike for all receivers."""
 
@@ -63,6 +82,20 @@ class SentMessage:
 
     message: Message
     deliveries: Mapping[str, Delivery]
+    links: Mapping[str, AirLink] = field(default_factory=dict[str, AirLink])
+    """The radio link to each receiver when it was sent; empty unless the channel is a radio."""
+
+
+@dataclass(frozen=True, slots=True)
+class _RadioEntry:
+    """A message that waits for the radio, in the tick of its sending."""
+
+    message: Message
+    n: int
+    others: dict[str, float]
+    """Distances [m] by receiver."""
+    deliveries: dict[str, Delivery]
+    links: dict[str, AirLink]
 
 
 class _Flight(NamedTuple):
@@ -78,14 +111,17 @@ class _Flight(NamedTuple):
 class Channel:
     """The channel of one episode. Deterministic: the delivery of a message depends on names and ticks only."""
 
-    def __init__(self, comm: CommSettings, seed: int) -> None:
+    def __init__(self, comm: CommSettings, seed: int, environment: RadioEnvironment = RadioEnvironment.URBAN) -> None:
+        """environment: of the map, for a radio."""
         self._comm, self._seed = comm, seed
+        self._radio_seed = derive_seed(seed, "radio")
+        self._radio = RadioMedium(comm.radio, environment, self._radio_seed) if comm.radio and comm.on else None
         self._muted = comm.mute_filter
-        self._drawn: dict[tuple[str, int], tuple[int, tuple[str, ...], Lucks]] = {}
-        """(sender, n) -> the latest block of ticks, the receivers, and their random numbers; a pure cache."""
+        self._drawn: dict[tuple[int, str, int], tuple[int, tuple[str, ...], Lucks]] = {}
+        """(seed, sender, n) -> the latest block of ticks, the receivers, and their random numbers; a pure cache."""
         self._budgets: dict[str, _Budget] = {}
         self._flights: dict[int, list[_Flight]] = {}
-        self._log: list[tuple[Message, dict[str, Delivery]]] = []
+        self._log: list[tuple[Message, dict[str, Delivery], dict[str, AirLink]]] = []
 
     def send(
         self,
@@ -93,24 +129,59 @@ class Channel:
         outgoing: Mapping[str, tuple[Message, ...]],
         positions: Mapping[str, Position],
         receivers: Collection[str] | None = None,
+        scene: RadioScene | None = None,
     ) -> None:
         """Send the messages of this tick. Call it at most once per tick, after that tick's `deliver`.
 
         outgoing: messages by sender. positions: [m] of all senders and receivers. receivers: ids of the stations that
         receive; None: all with a position. Road-side units have a position but do not receive. No station receives its
-        own messages.
+        own messages. scene: of all with a position, for a radio; with the background if `is_background_due`.
         """
         receiver_ids = sorted(positions if receivers is None else receivers)
+        waiting: list[_RadioEntry] = []
         for sender in sorted(outgoing):
             others = measure_distances(positions, sender, receiver_ids)
             for n, message in enumerate(sign_messages(outgoing[sender], sender, tick)):
                 deliveries: dict[str, Delivery] = {}
-                self._log.append((message, deliveries))
+                links: dict[str, AirLink] = {}
+                self._log.append((message, deliveries, links))
                 stopped = self._find_drop_reason(message)
                 if stopped is not None:
                     deliveries.update(dict.fromkeys(others, Delivery(stopped, tick)))
+                elif self._radio is not None:
+                    waiting.append(_RadioEntry(message, n, others, deliveries, links))
                 else:
                     self._transmit(message, n, others, deliveries)
+        if waiting:
+            self._send_by_radio(tick, waiting, scene)
+
+    def is_background_due(self, tick: int) -> bool:
+        """Return whether a radio needs the connected background vehicles of this tick, to measure its load."""
+        return self._radio is not None and self._radio.is_load_due(tick)
+
+    def _send_by_radio(self, tick: int, waiting: Sequence[_RadioEntry], scene: RadioScene | None) -> None:
+        """Send the messages of a tick over the radio, and transmit what it does not lose."""
+        if self._radio is None or scene is None:
+            raise ValueError("channel: expected the scene of a radio")
+        sent = [
+            Transmission(
+                one.message.sender,
+                len(one.message.payload),
+                tuple(one.others),
+                self._draw_lucks(self._radio_seed, one.message, one.n, tuple(one.others)),
+            )
+            for one in waiting
+        ]
+        for one, reception in zip(waiting, self._radio.transmit(tick, scene, sent), strict=True):
+            one.links.update((receiver, reception.links[receiver]) for receiver in one.others)
+            if math.isinf(reception.arrival_s):
+                one.deliveries.update(dict.fromkeys(one.others, Delivery(DeliveryStatus.EXPIRED, tick)))
+                continue
+            lost = reception.losses
+            one.deliveries.update((name, Delivery(DeliveryStatus(loss), tick)) for name, loss in lost.items())
+            others = {name: distance for name, distance in one.others.items() if name not in lost}
+            arrival = math.ceil(reception.arrival_s * TICKS_PER_SECOND)
+            self._transmit(one.message, one.n, others, one.deliveries, arrival)
 
     def _find_drop_reason(self, message: Message) -> DeliveryStatus | None:
         """Return why a message reaches no receiver; None if it is transmitted."""
@@ -129,22 +200,28 @@ class Channel:
         fits = budget.take(message.tick, len(message.payload) + comm.header_bytes)
         return None if fits else DeliveryStatus.OVER_BUDGET
 
-    def _transmit(self, message: Message, n: int, others: dict[str, float], deliveries: dict[str, Delivery]) -> None:
-        """Transmit a message, the n-th of its sender in this tick; others: distances [m] by receiver."""
+    def _transmit(
+        self, message: Message, n: int, others: dict[str, float], deliveries: dict[str, Delivery], earliest: int = 0
+    ) -> None:
+        """Transmit a message, the n-th of its sender in this tick; others: distances [m] by receiver.
+
+        earliest: tick of the earliest delivery.
+        """
         link = self._comm.find_link(message.type)
-        lucks = self._draw_lucks(message, n, tuple(others)) if link.loss else ()
+        lucks = self._draw_lucks(self._seed, message, n, tuple(others)) if link.loss else ()
         reached = select_reached(message.tick, others, link.range_m, link.loss, lucks, deliveries)
         if reached:
             flight = _Flight(message, n, reached, deliveries)
-            self._flights.setdefault(message.tick + max(link.latency_ticks, 1), []).append(flight)
+            due = max(message.tick + max(link.latency_ticks, 1), earliest)
+            self._flights.setdefault(due, []).append(flight)
 
-    def _draw_lucks(self, message: Message, n: int, receivers: tuple[str, ...]) -> tuple[float, ...]:
+    def _draw_lucks(self, seed: int, message: Message, n: int, receivers: tuple[str, ...]) -> tuple[float, ...]:
         """Return the random numbers in [0, 1) of a message for its receivers; one hash each serves `UNIFORMS` ticks."""
-        pair = message.sender, n
+        pair = seed, message.sender, n
         block, place = divmod(message.tick, UNIFORMS)
         drawn = self._drawn.get(pair)
         if drawn is None or drawn[0] != block or drawn[1] != receivers:
-            drawn = self._drawn[pair] = block, receivers, draw_lucks(self._seed, message.sender, n, receivers, block)
+            drawn = self._drawn[pair] = block, receivers, draw_lucks(seed, message.sender, n, receivers, block)
         return drawn[2][place]
 
     def deliver(self, tick: int, receivers: tuple[str, ...]) -> dict[str, tuple[Message, ...]]:
@@ -185,7 +262,11 @@ class Channel:
 
     def sent_messages(self) -> tuple[SentMessage, ...]:
         """Return all sent messages in order; messages in transit have no status for their receivers yet."""
-        return tuple(SentMessage(message, dict(deliveries)) for message, deliveries in self._log)
+        return tuple(SentMessage(message, dict(deliveries), dict(links)) for message, deliveries, links in self._log)
+
+    def list_busy_ratios(self) -> tuple[BusyRatio, ...]:
+        """Return what every station of a radio measured, in order of ticks and names."""
+        return self._radio.list_busy_ratios() if self._radio is not None else ()
 
 
 @twin
@@ -303,11 +384,19 @@ def count_bytes(messages: Iterable[SentMessage]) -> int:
 def count_deliveries(messages: Iterable[SentMessage]) -> dict[str, int]:
     """Return counts of sent messages ("sent"), payload bytes ("bytes") and receivers by delivery status.
 
-    The bytes of malformed messages do not count. Empty if no message was sent.
+    The bytes of malformed messages do not count. Statuses of a radio are left out where none has them. Empty if no
+    message was sent.
     """
     sent = tuple(messages)
     if not sent:
         return {}
     deliveries = Counter(status for one in sent for status, _ in one.deliveries.values())
     totals = {"sent": len(sent), "bytes": count_bytes(sent)}
-    return totals | {status.value: deliveries[status] for status in DeliveryStatus}
+    counted = {
+        status.value: deliveries[status] for status in DeliveryStatus if status not in _OF_RADIO or deliveries[status]
+    }
+    return totals | counted
+
+
+_OF_RADIO = frozenset(tuple(DeliveryStatus)[tuple(DeliveryStatus).index(DeliveryStatus.EXPIRED) :])
+"""Statuses that only a radio has: counts of other channels do not name them."""

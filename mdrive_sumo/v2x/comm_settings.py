@@ -11,6 +11,7 @@ from typing import Any
 from mdrive_sumo.contract import NAME
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.v2x.messages import TYPES
+from mdrive_sumo.v2x.radio.radio_settings import CornerModel, RadioProfile, RadioSettings
 
 PER = ("message", "episode")
 _MUTE = re.compile(r"(\*|[A-Za-z0-9][A-Za-z0-9_.+-]{0,79})/(\*|" + NAME.pattern + r")(?:@(\*|[0-9]{1,9}))?")
@@ -87,6 +88,8 @@ class CommSettings:
     """Added to every payload when its size is counted: network, transport and security headers."""
     mute: tuple[str, ...] = ()
     """Messages that are never delivered, for ablations: "SENDER/TYPE" or "SENDER/TYPE@TICK", each part may be "*"."""
+    radio: RadioSettings | None = None
+    """The radio that messages take before what `link` does to them; None: none, all are heard."""
 
     def __post_init__(self) -> None:
         _check(type(self.on) is bool, self, "on", "true or false")
@@ -134,10 +137,19 @@ PRESETS: Mapping[str, CommSettings] = MappingProxyType(
             budget_bytes_s=22_500.0,
             header_bytes=207,
         ),
+        # Radios that lose what distance, walls, vehicles and load make them lose: docs/radio.md.
+        "its-g5": CommSettings("its-g5", radio=RadioSettings(RadioProfile.ITS_G5)),
+        "lte-v2x": CommSettings("lte-v2x", radio=RadioSettings(RadioProfile.LTE_V2X)),
     }
 )
 
 _LINK: Mapping[str, type] = {f.name: type(f.default) for f in fields(LinkSettings)}
+_RADIO_CHOICES: Mapping[str, type[RadioProfile] | type[CornerModel]] = {
+    "profile": RadioProfile,
+    "corner_model": CornerModel,
+}
+_RADIO_NUMBERS = ("power_dbm", "antenna_gain_dbi", "connected_background")
+_RADIO_PREFIX = "radio."
 _OWN: Mapping[str, type] = {"preset": str, "on": bool, "budget_bytes_s": float, "header_bytes": int, "mute": str}
 
 
@@ -152,6 +164,9 @@ def describe_comm(comm: CommSettings) -> dict[str, str | float | bool]:
     scalars = own | _describe_link("", comm.link)
     for name in sorted(comm.by_type):
         scalars |= _describe_link(f"{name}.", comm.by_type[name])
+    if comm.radio is not None:
+        scalars |= {_RADIO_PREFIX + name: str(getattr(comm.radio, name)) for name in _RADIO_CHOICES}
+        scalars |= {_RADIO_PREFIX + name: float(getattr(comm.radio, name)) for name in _RADIO_NUMBERS}
     if comm.mute:
         scalars["mute"] = " ".join(comm.mute)
     return {name: value for name, value in scalars.items() if value != math.inf}
@@ -168,7 +183,11 @@ def parse_comm(values: Mapping[str, Any]) -> CommSettings:
     """
     own: dict[str, Any] = {}
     links: dict[str, dict[str, Any]] = {"": {}}
+    radio: dict[str, Any] = {}
     for name, value in values.items():
+        if name.startswith(_RADIO_PREFIX):
+            radio |= _parse_radio_option(name, value)
+            continue
         of_type, dot, option = name.rpartition(".")
         kind = _LINK.get(option) or (None if dot else _OWN.get(option))
         if kind is None or (dot and not of_type):
@@ -176,9 +195,27 @@ def parse_comm(values: Mapping[str, Any]) -> CommSettings:
         (links.setdefault(of_type, {}) if option in _LINK else own)[option] = _convert_value(name, value, kind)
     if own.get("preset", "ideal") not in PRESETS:
         raise InputError(f"V2X channel: unknown preset {own['preset']!r:.40}, expected one of {', '.join(PRESETS)}")
+    if radio:
+        if "profile" not in radio:
+            raise InputError(f"V2X channel: radio.profile: expected one of {', '.join(RadioProfile)}, found none")
+        own["radio"] = RadioSettings(**radio)
     own["mute"] = tuple(own.get("mute", "").split())
     by_type = {name: LinkSettings(**options) for name, options in links.items() if name}
     return CommSettings(**own, link=LinkSettings(**links[""]), by_type=by_type)
+
+
+def _parse_radio_option(name: str, value: object) -> dict[str, Any]:
+    option = name.removeprefix(_RADIO_PREFIX)
+    if option in _RADIO_NUMBERS:
+        return {option: _convert_value(name, value, float)}
+    choices = _RADIO_CHOICES.get(option)
+    if choices is None:
+        known = ", ".join((*_RADIO_CHOICES, *_RADIO_NUMBERS))
+        raise InputError(f"V2X channel: unknown option {name!r:.60}, expected one of {known} of a radio")
+    values = tuple(str(choice) for choice in choices)
+    if value not in values:
+        raise InputError(f"V2X channel: {name}: expected one of {', '.join(values)}, found {value!r:.40}")
+    return {option: choices(value)}
 
 
 def _convert_value(name: str, value: object, kind: type) -> Any:

@@ -28,6 +28,7 @@ from mdrive_sumo.v2x.comm_settings import (
     parse_comm,
 )
 from mdrive_sumo.v2x.messages import TYPES
+from mdrive_sumo.v2x.radio.radio_settings import CornerModel, RadioProfile, RadioSettings
 
 
 @pytest.mark.parametrize(
@@ -142,7 +143,7 @@ def test_unusable_values_are_refused(values: Mapping[str, Any], why: str) -> Non
 
 def test_presets_carry_their_own_names() -> None:
     assert {name: comm.preset for name, comm in PRESETS.items()} == {name: name for name in PRESETS}
-    assert set(PRESETS) == {"ideal", "off", "paper-latency", "paper-pose", "realistic"}
+    assert set(PRESETS) == {"ideal", "off", "paper-latency", "paper-pose", "realistic", "its-g5", "lte-v2x"}
 
 
 def test_only_the_preset_off_is_off() -> None:
@@ -226,12 +227,50 @@ def test_values_for_all_types_and_for_some(
         ({"pose_error": "0.6,0.6,day"}, "expected POS_M,ROT_DEG"),
         ({"pose_error": "-1,0"}, "pose_error_m: expected a finite standard deviation"),
         ({"comm_mute": ("cam",)}, "mute: expected SENDER/TYPE"),
+        ({"comm_power": "20"}, "--comm-power 20: expected a radio, --comm its-g5 or lte-v2x, found --comm ideal"),
+        ({"comm": "realistic", "connected_background": "0"}, "found --comm realistic"),
+        (
+            {"comm": "its-g5", "comm_power": "-3"},
+            "power_dbm: expected a transmit power from 0 to 33 dBm .*, found -3.0",
+        ),
+        ({"comm": "its-g5", "comm_power": "nan"}, "power_dbm: expected a transmit power"),
+        ({"comm": "its-g5", "comm_power": "much"}, "expected a number, found 'much'"),
+        ({"comm": "lte-v2x", "comm_gain": "30"}, "antenna_gain_dbi: expected a gain from -20 to 20 dBi, found 30.0"),
+        ({"comm": "lte-v2x", "connected_background": "1.3"}, r"connected_background: expected a share in \[0, 1\]"),
+        ({"comm": "lte-v2x", "comm_corner": "ray"}, "expected one of tr-37.885, virtual-source, found 'ray'"),
     ],
 )
 def test_unusable_options_are_refused_in_one_sentence(options: dict[str, Any], why: str) -> None:
     with pytest.raises(InputError, match=why) as caught:
         parse_comm_options(**options)
     assert "\n" not in str(caught.value)
+
+
+RADIO = {"comm": "lte-v2x", "comm_power": "20", "comm_gain": "0", "connected_background": "0.3"}
+
+
+def test_a_radio_is_written_and_read_with_all_its_settings_and_no_other_channel_names_one() -> None:
+    comm = parse_comm_options(**RADIO, comm_corner="virtual-source", comm_loss="0.1")
+    assert comm.radio == RadioSettings(RadioProfile.LTE_V2X, 20.0, 0.0, 0.3, CornerModel.VIRTUAL_SOURCE)
+    assert parse_comm(json.loads(format_comm_json(comm))) == comm
+    assert describe_comm(comm)["radio.connected_background"] == 0.3
+    others = [describe_comm(comm) for comm in PRESETS.values() if comm.radio is None]
+    assert not any(name.startswith("radio") for described in others for name in described)
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        ({"radio.profile": "wifi"}, "radio.profile: expected one of its-g5, lte-v2x, found 'wifi'"),
+        ({"radio.power_dbm": 20.0}, "radio.profile: expected one of its-g5, lte-v2x, found none"),
+        ({"radio.profile": "its-g5", "radio.colour": 1.0}, "unknown option 'radio.colour'"),
+        ({"radio.profile": "its-g5", "radio.power_dbm": "20"}, "radio.power_dbm: expected a finite number, found '20'"),
+        ({"radio.profile": "its-g5", "radio.power_dbm": 99.0}, "power_dbm: expected a transmit power"),
+    ],
+)
+def test_an_unusable_radio_in_a_file_is_refused(values: dict[str, Any], why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        parse_comm(values)
 
 
 def parsed(*arguments: str) -> tuple[Any, ...]:
@@ -267,6 +306,7 @@ def test_a_command_takes_its_channel_and_its_clock_out_of_its_options() -> None:
         ("--comm", "perfect"),
         ("--comm-loss", "2"),
         ("--comm-mute", "cam"),
+        ("--comm", "its-g5", "--connected-background", "2"),
         ("--agent-clock", "sometimes"),
         ("--agent-clock", "fixed:30"),
     ],

@@ -1,0 +1,101 @@
+"""Radio scenes of an episode: stations, connected background vehicles, and what lies between them."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.seeding import draw_first_uniform
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.sensing.building_edges import BuildingEdges
+from mdrive_sumo.sensing.lidar_world import assume_vehicle_height
+from mdrive_sumo.sensing.link_classes import classify_links, list_blockers
+from mdrive_sumo.sensing.sensing_frame import SensingFrame
+from mdrive_sumo.sensing.street_corners import StreetCorners
+from mdrive_sumo.v2x.radio.path_loss import Classes, LinkClass, RadioEnvironment
+from mdrive_sumo.v2x.radio.radio_scene import RadioScene
+from mdrive_sumo.v2x.radio.radio_settings import CornerModel, RadioSettings
+
+ROADSIDE_ANTENNA_M = 5.0
+"""[m] Height of a road-side unit's antenna: 3GPP TR 37.885, section 6.1."""
+HIGHWAY_SPEED = 70 / 3.6
+"""[m/s] Speed limit from which on a map is a highway: the lower of the two speeds of TR 37.885's highway."""
+
+
+def choose_environment(roads: RoadMap) -> RadioEnvironment:
+    """Return which formulas of TR 37.885 hold on a map: those of a highway if any road allows 70 km/h."""
+    return RadioEnvironment.HIGHWAY if roads.legal_speed.max() >= HIGHWAY_SPEED - 0.1 else RadioEnvironment.URBAN
+
+
+class RadioSceneBuilder:
+    """Builds the radio scene of a tick."""
+
+    def __init__(self, settings: RadioSettings, roads: RoadMap, seed: int) -> None:
+        self._settings, self._seed = settings, seed
+        self._edges = BuildingEdges(roads)
+        self._corners = (
+            StreetCorners(roads, self._edges) if settings.corner_model is CornerModel.VIRTUAL_SOURCE else None
+        )
+        self._connected: dict[str, bool] = {}
+
+    def build(
+        self,
+        frame: SensingFrame,
+        cavs: Sequence[str],
+        roadside: Mapping[str, tuple[float, float]],
+        with_background: bool,
+    ) -> RadioScene:
+        """Return the scene of these CAVs and road-side units, whose positions [m] are by id.
+
+        with_background: whether connected background vehicles are needed. An antenna stands in the middle of a
+        vehicle's roof.
+        """
+        boxes = frame.boxes
+        row_by_id = {name: row for row, name in enumerate(boxes.ids)}
+        stations = tuple(sorted((*cavs, *roadside)))
+        own = [row_by_id[name] if name not in roadside else -1 for name in stations]
+        background = self._list_background(frame) if with_background else []
+        carriers = np.array([*own, *background], dtype=np.int64)
+        xy = np.column_stack((boxes.x, boxes.y))[carriers]
+        height = np.array(
+            [
+                ROADSIDE_ANTENNA_M if row < 0 else assume_vehicle_height(float(boxes.length[row]))
+                for row in carriers.tolist()
+            ]
+        )
+        for i, name in enumerate(stations):
+            if name in roadside:
+                xy[i] = roadside[name]
+        edges = self._edges
+        links = classify_links(xy, carriers, len(own), list_blockers(boxes), edges.walls, edges.ends, edges.circles)
+        corners = self._measure_corners(xy[: len(own)], height, links[0]) if self._corners is not None else None
+        return RadioScene(stations, xy, height, boxes.speed[background], *links, corners)
+
+    def _measure_corners(self, xy: Float, height: Float, classes: Classes) -> Float:
+        """Return the losses (n, n) [dB] round corners, NaN where no building is in between or no crossing is seen."""
+        losses = np.full((len(xy), len(xy)), math.nan)
+        places = [(x, y) for x, y in xy.tolist()]
+        for i, k in zip(*np.nonzero(np.triu(classes[:, : len(xy)] == LinkClass.NLOSB, 1)), strict=True):
+            assert self._corners is not None, "asked for by another corner model"
+            middle_m = math.sqrt(float(height[i] * height[k]))  # the break distance has the product of both
+            losses[i, k] = losses[k, i] = self._corners.compute_loss(places[i], places[k], middle_m)
+        return losses
+
+    def _list_background(self, frame: SensingFrame) -> list[int]:
+        """Return the rows of connected background vehicles, by name."""
+        share = self._settings.connected_background
+        if share == 0.0:
+            return []
+        ids, vehicles = frame.boxes.ids, np.flatnonzero(frame.boxes.kind == Kind.VEHICLE).tolist()
+        rows = [row for row in vehicles if row >= len(frame.egos) and self._is_connected(ids[row])]
+        return sorted(rows, key=ids.__getitem__)
+
+    def _is_connected(self, name: str) -> bool:
+        """Return whether a background vehicle is connected, as it is during the whole episode."""
+        found = self._connected.get(name)
+        if found is None:
+            luck = draw_first_uniform(self._seed, "connected", name)
+            found = self._connected[name] = luck < self._settings.connected_background
+        return found

@@ -1,0 +1,52 @@
+"""Shadowing: a random field over the places of two antennas, the same for both directions of a pair."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import TAU, Float
+from mdrive_sumo.core.seeding import draw_uniforms
+
+WAVES: Final = 32
+"""Waves of a field. Its values then have an excess kurtosis of -1.5 / 32: a normal distribution to 5 %."""
+
+
+class ShadowingField:
+    """A field of unit variance over pairs of places, correlated by exp(-(|moved a| + |moved b|) / decorrelation).
+
+    That is the correlation of 3GPP TR 36.885, A.1.4, along the path of each station, as a function of places: it does
+    not depend on which ticks or pairs are asked for. A sum of plane waves (Cai and Giannakis, IEEE Trans. Veh.
+    Technol. 52(6), 2003) whose wave numbers have the spectrum of an exponential correlation in the plane.
+    """
+
+    def __init__(self, seed: int, purpose: str, decorrelation_m: float) -> None:
+        """Draw the waves. Fields of other seeds or purposes are independent."""
+        drawn = [draw_uniforms(seed, "shadowing", purpose, wave) for wave in range(WAVES)]
+        self._waves = np.array([_make_wave(numbers, decorrelation_m) for numbers in drawn])
+        """(WAVES, 5): wave vector [rad/m] over x, y of the first place and x, y of the second; phase [rad]."""
+
+    def evaluate(self, first: Float, second: Float) -> Float:
+        """Return the values (P,) for pairs of places (P, 2) [m].
+
+        A caller gives the two of a pair always in the same order (that of their names), so a pair has one value.
+        """
+        total = np.zeros(len(first))
+        columns = (*first.T, *second.T)
+        phases = np.broadcast_to(self._waves[:, 4:], (WAVES, len(first)))
+        for axis, column in enumerate(columns):
+            phases = phases + self._waves[:, axis, None] * column
+        for wave in portable.cos(phases):  # one after another: a sum over an axis has an order of NumPy's choice
+            total = total + wave
+        return total * math.sqrt(2.0 / WAVES)
+
+
+def _make_wave(uniforms: tuple[float, ...], decorrelation_m: float) -> tuple[float, float, float, float, float]:
+    """Return one wave: the wave number of a place is below k with probability 1 - 1 / sqrt(1 + (k decorrelation)²)."""
+    vector: list[float] = []
+    for luck, turn in (uniforms[0:2], uniforms[2:4]):
+        number = math.sqrt(1.0 / ((1.0 - luck) * (1.0 - luck)) - 1.0) / decorrelation_m
+        cos, sin = portable.cos_sin(TAU * turn)
+        vector += [number * cos, number * sin]
+    return (*vector, TAU * uniforms[4])  # pyright: ignore[reportReturnType] - four numbers and the phase
