@@ -56,15 +56,7 @@ class DeliveryStatus(StrEnum):
     """Spoiled by a packet of another station."""
 
 
-NOT_TRANSMITTED = frozenset(
-    {
-        DeliveryStatus.MUTED,
-        DeliveryStatus.OVER_BUDGET,
-        DeliveryStatus.MALFORMED,
-        DeliveryStatus.OFF,
-        DeliveryStatus.EXPIRED,
-    }
-)
+NOT_TRANSMITTED = frozenset(map(DeliveryStatus, ("muted", "over-budget", "malformed", "off", "expired")))
 """What becomes of messages that the sender's radio never transmits, alike for all receivers."""
 
 

@@ -15,6 +15,7 @@ from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.episode.episode_schema import ARRAYS, DIMENSIONS, EpisodeHeader, build_episode_schema
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
+from mdrive_sumo.v2x.comm_settings import PRESETS
 
 
 def follow_plan(seen: Observation) -> Reply:
@@ -33,7 +34,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         straight_road(),
         seed=0,
         about={"agent": "test"},
-        options=EpisodeOptions(clock=Clock("measured")),
+        options=EpisodeOptions(PRESETS["its-g5"], Clock("measured")),  # only recordings of a radio have all arrays
         think_times=(ThinkTimeEntry("2", 2, 3),),
     )
     agents = {
