@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.cli.options import FiniteRange, make_scenario_option, workers_option
@@ -146,7 +147,13 @@ def read_episode_options(options: dict[str, Any]) -> EpisodeOptions:
 
 
 def read_channel(options: dict[str, Any]) -> CommSettings:
-    """Return the channel and take its options out of the dict. Raises InputError naming the option."""
+    """Return the channel and take its options out of the dict. Raises InputError naming the option.
+
+    A sending rate that was not given goes, too: its default depends on the channel (`EpisodeOptions.parse`).
+    """
+    context = click.get_current_context(silent=True)
+    if context is not None and context.get_parameter_source("v2x_rate") is ParameterSource.DEFAULT:
+        options.pop("v2x_rate", None)
     return parse_comm_options(**{name: options.pop(name) for name in ("comm", *_CHANNEL_OPTIONS)})
 
 

@@ -16,7 +16,6 @@ from mdrive_sumo.cli.study_channel import channel_command
 from mdrive_sumo.cli.study_options import StudyOptions, drive_with_display, parse_agent_names
 from mdrive_sumo.cli.study_seasons import seasons_command
 from mdrive_sumo.cli.study_twins import twins_command
-from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.episode.episode_options import EpisodeOptions
@@ -150,7 +149,7 @@ class _ChannelStudyOptions(StudyOptions):
 
     def make_episode_options(self) -> EpisodeOptions:
         """Return the conditions of every episode: the base channel, the agents' clock. Raises InputError."""
-        return EpisodeOptions(self.base(), parse_clock(self.agent_clock))
+        return EpisodeOptions.parse(comm=self.base(), agent_clock=self.agent_clock)
 
     def _parse_agent_configs(self, names: Sequence[str]) -> dict[str, dict[str, ConfigValue]]:
         config_by_agent: dict[str, dict[str, ConfigValue]] = {}

@@ -162,7 +162,7 @@ class StudyOptions:
 
     def make_episode_options(self) -> EpisodeOptions:
         """Return the conditions of every episode. Raises InputError."""
-        return EpisodeOptions(parse_comm_options(self.comm))
+        return EpisodeOptions.parse(comm=parse_comm_options(self.comm))
 
     def prepare_agent(self, name: str, agent_config: Mapping[str, ConfigValue] | None = None) -> PreparedRun:
         """Return the run of an agent with the first seed. Raises InputError."""

@@ -87,7 +87,7 @@ class EpisodeOptions:
         SendingRate.FIXED,
         hides_default=True,
         help="When built-in agents and road-side units send: at 10 Hz (MCMs at 5 Hz); or by the rules of ETSI's"
-        " services, with DENMs.",
+        " services, with DENMs (the default with a radio, --comm its-g5 or lte-v2x).",
     )
     """When stations send CAMs, CPMs, MCMs and DENMs."""
 
@@ -102,7 +102,10 @@ class EpisodeOptions:
 
     @classmethod
     def parse(cls, **arguments: Unpack[EpisodeArguments]) -> "EpisodeOptions":
-        """Return the options that texts or typed values stand for. Raises InputError, also for an unknown argument."""
+        """Return the options that texts or typed values stand for. Raises InputError, also for an unknown argument.
+
+        With a radio, stations send by ETSI's rules unless `v2x_rate` is given.
+        """
         values: dict[str, Any] = {**arguments}
         check_names(values, (one.key for one in list_settings(cls)))
         comm, clock = values.pop("comm", "ideal"), values.pop("agent_clock", IDEAL)
@@ -116,6 +119,8 @@ class EpisodeOptions:
         if not isinstance(cast(object, clock), Clock):
             raise InputError(f"agent_clock: expected ideal, fixed:MS, measured or a Clock, found {clock!r:.40}")
         scalars: dict[str, Any] = {one.field: one.parse(values[one.key]) for one in CONDITIONS if one.key in values}
+        if comm.radio is not None:  # what radios carry is sent by the rules that their load was dimensioned for
+            scalars.setdefault("v2x_rate", SendingRate.ETSI)
         return cls(comm, clock, **scalars)
 
     def to_dict(self) -> dict[str, Scalar]:

@@ -10,7 +10,7 @@ from mdrive_sumo.core.seeding import draw_first_uniform
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.building_edges import BuildingEdges
-from mdrive_sumo.sensing.lidar_world import assume_vehicle_height
+from mdrive_sumo.sensing.lidar_world import assume_heights
 from mdrive_sumo.sensing.link_classes import classify_links, list_blockers
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
 from mdrive_sumo.sensing.street_corners import StreetCorners
@@ -53,18 +53,14 @@ class RadioSceneBuilder:
         vehicle's roof.
         """
         boxes = frame.boxes
-        row_by_id = {name: row for row, name in enumerate(boxes.ids)}
+        row_by_id = {name: row for row, name in enumerate(frame.egos)}
         stations = tuple(sorted((*cavs, *roadside)))
         own = [row_by_id[name] if name not in roadside else -1 for name in stations]
         background = self._list_background(frame) if with_background else []
         carriers = np.array([*own, *background], dtype=np.int64)
-        xy = np.column_stack((boxes.x, boxes.y))[carriers]
-        height = np.array(
-            [
-                ROADSIDE_ANTENNA_M if row < 0 else assume_vehicle_height(float(boxes.length[row]))
-                for row in carriers.tolist()
-            ]
-        )
+        xy = np.array((boxes.x[carriers], boxes.y[carriers])).T.copy()
+        of_vehicles = assume_heights(np.zeros(len(carriers), dtype=np.uint8), boxes.length[carriers])
+        height = np.where(carriers < 0, ROADSIDE_ANTENNA_M, of_vehicles)
         for i, name in enumerate(stations):
             if name in roadside:
                 xy[i] = roadside[name]

@@ -87,7 +87,8 @@ class _RadioEntry:
     others: dict[str, float]
     """Distances [m] by receiver."""
     deliveries: dict[str, Delivery]
-    links: dict[str, AirLink]
+    links: list[Mapping[str, AirLink]]
+    """Filled with the links of the sender to all stations."""
 
 
 class _Flight(NamedTuple):
@@ -113,7 +114,7 @@ class Channel:
         """(seed, sender, n) -> the latest block of ticks, the receivers, and their random numbers; a pure cache."""
         self._budgets: dict[str, _Budget] = {}
         self._flights: dict[int, list[_Flight]] = {}
-        self._log: list[tuple[Message, dict[str, Delivery], dict[str, AirLink]]] = []
+        self._log: list[tuple[Message, dict[str, Delivery], list[Mapping[str, AirLink]]]] = []
 
     def send(
         self,
@@ -135,7 +136,7 @@ class Channel:
             others = measure_distances(positions, sender, receiver_ids)
             for n, message in enumerate(sign_messages(outgoing[sender], sender, tick)):
                 deliveries: dict[str, Delivery] = {}
-                links: dict[str, AirLink] = {}
+                links: list[Mapping[str, AirLink]] = []
                 self._log.append((message, deliveries, links))
                 stopped = self._find_drop_reason(message)
                 if stopped is not None:
@@ -165,13 +166,15 @@ class Channel:
             for one in waiting
         ]
         for one, reception in zip(waiting, self._radio.transmit(tick, scene, sent), strict=True):
-            one.links.update((receiver, reception.links[receiver]) for receiver in one.others)
+            one.links.append(reception.links)
             if math.isinf(reception.arrival_s):
                 one.deliveries.update(dict.fromkeys(one.others, Delivery(DeliveryStatus.EXPIRED, tick)))
                 continue
-            lost = reception.losses
-            one.deliveries.update((name, Delivery(DeliveryStatus(loss), tick)) for name, loss in lost.items())
-            others = {name: distance for name, distance in one.others.items() if name not in lost}
+            others = one.others
+            if reception.losses:
+                lost = {name: Delivery(DeliveryStatus(loss), tick) for name, loss in reception.losses.items()}
+                one.deliveries.update(lost)
+                others = {name: distance for name, distance in others.items() if name not in lost}
             arrival = math.ceil(reception.arrival_s * TICKS_PER_SECOND)
             self._transmit(one.message, one.n, others, one.deliveries, arrival)
 
@@ -254,7 +257,10 @@ class Channel:
 
     def sent_messages(self) -> tuple[SentMessage, ...]:
         """Return all sent messages in order; messages in transit have no status for their receivers yet."""
-        return tuple(SentMessage(message, dict(deliveries), dict(links)) for message, deliveries, links in self._log)
+        return tuple(
+            SentMessage(message, dict(deliveries), {name: over[name] for over in links for name in deliveries})
+            for message, deliveries, links in self._log
+        )
 
     def list_busy_ratios(self) -> tuple[BusyRatio, ...]:
         """Return what every station of a radio measured, in order of ticks and names."""

@@ -111,7 +111,8 @@ class _Arrival(NamedTuple):
 def _list_receivers(sent: SentMessage) -> Iterator[tuple[str, str]]:
     """Yield the receivers whose fate is known, with the class of their link."""
     for receiver in sent.deliveries:
-        yield receiver, UNKNOWN_CLASS
+        link = sent.links.get(receiver)
+        yield receiver, UNKNOWN_CLASS if link is None else link.link_class.name.replace("SV", "Sv").replace("SB", "Sb")
 
 
 def _add_by_class(

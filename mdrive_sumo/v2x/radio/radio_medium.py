@@ -2,15 +2,16 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Int
+from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
 from mdrive_sumo.v2x.radio.air_interface import INTERFACES, SidelinkInterface, list_blocks, split_message
 from mdrive_sumo.v2x.radio.channel_load import (
@@ -35,7 +36,7 @@ from mdrive_sumo.v2x.radio.path_loss import (
 from mdrive_sumo.v2x.radio.radio_scene import RadioScene
 from mdrive_sumo.v2x.radio.radio_settings import RadioSettings
 from mdrive_sumo.v2x.radio.shadowing import ShadowingField
-from mdrive_sumo.v2x.radio.transmit_gate import OpenGate, TransmitGate
+from mdrive_sumo.v2x.radio.transmit_gate import TransmitGate
 
 LOAD_TICKS: Final = 4
 """Ticks between two measurements of the load: 200 ms, the interval of TS 102 687's adaptive approach."""
@@ -101,45 +102,64 @@ class Reception:
 class _StationRadio:
     """Queue and memory of one station."""
 
-    gate: TransmitGate
+    gate: TransmitGate = field(default_factory=TransmitGate)
     free_s: float = 0.0
     """When the packet before is on air."""
     opening_s: float = 0.0
     """When congestion control lets the next packet go."""
     sent: deque[tuple[int, int, float]] = field(default_factory=deque[tuple[int, int, float]])
     """(tick, packets or blocks, their airtime [s] or sub-channels) of the last second."""
+    count: int = 0
+    """Packets or blocks in `sent`."""
 
     def measure_traffic(self, tick: int) -> tuple[float, float]:
         """Return packets per second and their mean size, of the last second or since the first message."""
         while self.sent and self.sent[0][0] <= tick - TICKS_PER_SECOND:
-            self.sent.popleft()
-        count = sum(packets for _, packets, _ in self.sent)
+            self.count -= self.sent.popleft()[1]
+        count = self.count
         span_s = min(max(tick, 1), TICKS_PER_SECOND) * DT
         return (count / span_s, math.fsum(size for *_, size in self.sent) / count) if count else (0.0, 0.0)
+
+
+class _Bill(NamedTuple):
+    """What a message of some size takes of the air."""
+
+    airtimes: tuple[float, ...]
+    """Of its packets [s]."""
+    counts: tuple[tuple[int, float], ...]
+    """Of each packet: 1 and its airtime [s]; LTE-V2X: its transport blocks and their sub-channels."""
+    share: float
+    """Its bytes with all headers, in packets of the error curves."""
+    packets: float
+    """Packets or blocks."""
+    size: float
+    """Airtime [s] or sub-channels of all."""
+
+
+@lru_cache(maxsize=64)
+def _list_pairs(count: int) -> tuple[Int, Int]:
+    """Return the first and second of all pairs of so many stations."""
+    first, second = np.triu_indices(count, 1)
+    return first, second
 
 
 class RadioMedium:
     """The air of one episode."""
 
-    def __init__(
-        self,
-        settings: RadioSettings,
-        environment: RadioEnvironment,
-        seed: int,
-        make_gate: Callable[[], TransmitGate] = OpenGate,
-    ) -> None:
+    def __init__(self, settings: RadioSettings, environment: RadioEnvironment, seed: int) -> None:
         self._settings, self._environment = settings, environment
         self._interface = INTERFACES[settings.profile]
         self._errors = PacketErrorModel(settings.profile, environment)
         decorrelation_m = DECORRELATION_M[environment]
         self._shadowing = ShadowingField(seed, "shadowing", decorrelation_m)
         self._blockage = ShadowingField(seed, "blockage", decorrelation_m)
-        self._make_gate = make_gate
         self._radios: dict[str, _StationRadio] = {}
         self._load_tick: int | None = None
         self._load_stations: tuple[str, ...] = ()
         self._load = find_no_load(0)
+        self._load_ratios: list[float] = []
         self._busy_ratios: list[BusyRatio] = []
+        self._bills: dict[int, _Bill] = {}
 
     def list_busy_ratios(self) -> tuple[BusyRatio, ...]:
         """Return all measurements, in order of ticks and names."""
@@ -157,51 +177,72 @@ class RadioMedium:
         elif scene.stations != self._load_stations:
             self._follow_stations(scene.stations)
         column = {station: i for i, station in enumerate(scene.stations)}
-        rows = np.array([column[one.sender] for one in transmissions], dtype=np.intp)
-        bills = [split_message(one.payload_bytes, self._interface.header_bytes) for one in transmissions]
+        bills = [self._find_bill(one.payload_bytes) for one in transmissions]
         arrivals = [
-            self._queue(tick, one.sender, sizes, row)
-            for one, sizes, row in zip(transmissions, bills, rows.tolist(), strict=True)
+            self._queue(tick, one.sender, bill, column[one.sender])
+            for one, bill in zip(transmissions, bills, strict=True)
         ]
-        causes = self._find_causes(transmissions, bills, rows, column, picture)
-        links = {
-            sender: self._list_links(scene, picture, column[sender]) for sender in {one.sender for one in transmissions}
-        }
+        causes = self._find_causes(transmissions, bills, column, picture)
+        senders = {one.sender for one in transmissions}
+        links = {sender: _list_links(scene.stations, picture, column[sender]) for sender in senders}
         return [
             Reception(arrival_s, _name_losses(one, column, row) if math.isfinite(arrival_s) else {}, links[one.sender])
             for one, arrival_s, row in zip(transmissions, arrivals, causes, strict=True)
         ]
 
+    def _find_bill(self, payload_bytes: int) -> _Bill:
+        bill = self._bills.get(payload_bytes)
+        if bill is None:
+            interface = self._interface
+            sizes = split_message(payload_bytes, interface.header_bytes)
+            counts = tuple(self._measure_packet(size) for size in sizes)
+            bill = self._bills[payload_bytes] = _Bill(
+                tuple(interface.measure_airtime(size) for size in sizes),
+                counts,
+                sum(sizes) / CURVE_BYTES,
+                float(sum(count for count, _ in counts)),
+                math.fsum(size for _, size in counts),
+            )
+        return bill
+
     def _hear(self, scene: RadioScene) -> RadioPicture:
         """Return the received powers: with shadowing among stations, medians from background vehicles."""
-        n = len(scene.stations)
-        apart, across = scene.xy[:n, None] - scene.xy[None], scene.height[:n, None] - scene.height[None]
-        flat = apart[..., 0] * apart[..., 0] + apart[..., 1] * apart[..., 1]
-        distance = np.sqrt(flat + across * across)
-        low, high = (pick(scene.height[:n, None], scene.height[None]) for pick in (np.minimum, np.maximum))
-        loss = compute_path_loss(self._environment, scene.classes, distance)
-        corner = np.zeros((n, n), dtype=np.bool_)
-        if scene.corner_db is not None:
-            corner = (scene.classes[:, :n] == LinkClass.NLOSB) & np.isfinite(scene.corner_db)
-            free = compute_path_loss(self._environment, np.zeros_like(scene.classes[:, :n]), distance[:, :n])
-            loss[:, :n] = np.where(corner, np.maximum(scene.corner_db, free), loss[:, :n])
-        blocked = scene.classes == LinkClass.NLOSV
-        blockage = np.where(blocked, compute_blockage_mean(distance, low, high, scene.blocker), 0.0)
-        first, second = np.triu_indices(n, 1)
-        if len(first):
-            places = scene.xy[first], scene.xy[second]
-            sigma = np.where(corner[first, second], SOURCE_SIGMA_DB, SHADOWING_DB[scene.classes[first, second]])
-            shadow = sigma * self._shadowing.evaluate(*places)
-            blocker = scene.blocker[first, second]
-            spread = find_blockage_sigma(low[first, second], high[first, second], blocker) * blocked[first, second]
-            if spread.any():
-                mean = blockage[first, second]
-                blockage[first, second] = np.maximum(mean + spread * self._blockage.evaluate(*places), 0.0)
-                blockage[second, first] = blockage[first, second]
-            loss[first, second] = loss[first, second] + shadow
-            loss[second, first] = loss[first, second]
-        power = self._settings.power_dbm + 2.0 * self._settings.antenna_gain_dbi - loss - blockage
-        return RadioPicture(power, scene.classes, np.arange(len(scene.xy)) < n)
+        n, total = len(scene.stations), len(scene.xy)
+        first, second = _list_pairs(n)
+        power = np.empty((n, total))
+        power[first, second] = power[second, first] = self._receive(scene, first, second, is_known=True)
+        power[np.arange(n), np.arange(n)] = self._settings.power_dbm  # what nothing asks for
+        if total > n:
+            rows, columns = np.divmod(np.arange(n * (total - n)), total - n)
+            power[:, n:] = self._receive(scene, rows, columns + n, is_known=False).reshape(n, -1)
+        return RadioPicture(power, scene.classes, np.arange(total) < n)
+
+    def _receive(self, scene: RadioScene, first: Int, second: Int, *, is_known: bool) -> Float:
+        """Return the received power (P,) [dBm] of pairs of stations (P,); with shadowing where `is_known`."""
+        classes, height = scene.classes[first, second], scene.height
+        apart, across = scene.xy[first] - scene.xy[second], height[first] - height[second]
+        distance = np.sqrt(apart[:, 0] * apart[:, 0] + apart[:, 1] * apart[:, 1] + across * across)
+        loss = compute_path_loss(self._environment, classes, distance)
+        places = scene.xy[first], scene.xy[second]
+        if is_known:
+            sigma = SHADOWING_DB[classes]
+            if scene.corner_db is not None:
+                around = scene.corner_db[first, second]
+                is_corner = np.isfinite(around)
+                free = compute_path_loss(self._environment, np.zeros_like(classes), distance)
+                loss = np.where(is_corner, np.maximum(np.where(is_corner, around, 0.0), free), loss)
+                sigma = np.where(is_corner, SOURCE_SIGMA_DB, sigma)
+            loss = loss + sigma * self._shadowing.evaluate(*places)
+        blocked = np.flatnonzero(classes == LinkClass.NLOSV)
+        if len(blocked):
+            ends = height[first[blocked]], height[second[blocked]]
+            heights = np.minimum(*ends), np.maximum(*ends), scene.blocker[first[blocked], second[blocked]]
+            blockage = compute_blockage_mean(distance[blocked], *heights)
+            if is_known:
+                deviation = self._blockage.evaluate(*(place[blocked] for place in places))
+                blockage = np.maximum(blockage + find_blockage_sigma(*heights) * deviation, 0.0)
+            loss[blocked] = loss[blocked] + blockage
+        return self._settings.power_dbm + 2.0 * self._settings.antenna_gain_dbi - loss
 
     def _measure_load(self, tick: int, scene: RadioScene, picture: RadioPicture) -> None:
         """Compute busy ratios and risks from what was sent in the last second, and tell congestion control."""
@@ -209,10 +250,11 @@ class RadioMedium:
         compute = compute_sidelink_load if isinstance(self._interface, SidelinkInterface) else compute_itsg5_load
         self._load = compute(picture, traffic, self._errors, self._interface.noise_dbm, self._interface.sensing_dbm)
         self._load_tick, self._load_stations = tick, scene.stations
-        ratios = dict(zip(scene.stations, self._load.busy_ratio.tolist(), strict=True))
+        self._load_ratios = self._load.busy_ratio.tolist()
+        ratios = dict(zip(scene.stations, self._load_ratios, strict=True))
         self._busy_ratios += [BusyRatio(tick, station, round(ratio, 3)) for station, ratio in ratios.items()]
         for station, ratio in ratios.items():
-            self._find_radio(station).gate.update(ratio)
+            self._find_radio(station).gate.update(tick, ratio)
 
     def _measure_traffic(self, tick: int, scene: RadioScene) -> OfferedTraffic:
         own = [self._find_radio(station).measure_traffic(tick) for station in scene.stations]
@@ -245,34 +287,34 @@ class RadioMedium:
             ),
         )  # fmt: skip
         self._load_stations = stations
+        self._load_ratios = self._load.busy_ratio.tolist()
 
     def _find_radio(self, station: str) -> _StationRadio:
         if station not in self._radios:
-            self._radios[station] = _StationRadio(self._make_gate())
+            self._radios[station] = _StationRadio()
         return self._radios[station]
 
-    def _queue(self, tick: int, sender: str, sizes: Sequence[int], row: int) -> float:
+    def _queue(self, tick: int, sender: str, bill: _Bill, row: int) -> float:
         """Put a message into the queue of its sender; return when it is on air [s], infinite if it expires.
 
         Packets that end in time take the channel, even if a later one of the message does not; the others do not.
         """
         radio, interface = self._find_radio(sender), self._interface
-        access_s = interface.measure_access(float(self._load.busy_ratio[row]))
+        access_s = interface.measure_access(self._load_ratios[row])
         ready_s = tick * DT
-        for size in sizes:
-            airtime_s = interface.measure_airtime(size)
+        for airtime_s, (count, size) in zip(bill.airtimes, bill.counts, strict=True):
             end_s = max(ready_s, radio.free_s, radio.opening_s) + access_s + airtime_s
             if end_s + interface.wait_s > ready_s + LIFETIME_S:
                 return math.inf
             radio.free_s, radio.opening_s = end_s, radio.gate.find_opening(end_s, airtime_s)
-            radio.sent.append((tick, *self._measure_packet(size)))
+            radio.sent.append((tick, count, size))
+            radio.count += count
         return radio.free_s + interface.wait_s
 
     def _find_causes(
         self,
         transmissions: Sequence[Transmission],
-        bills: Sequence[Sequence[int]],
-        rows: Int,
+        bills: Sequence[_Bill],
         column: Mapping[str, int],
         picture: RadioPicture,
     ) -> list[list[int]]:
@@ -281,16 +323,12 @@ class RadioMedium:
         A packet of s bytes survives path loss with (1 - PER)^(s / 350), so a message with the sum of its bytes; the
         other causes add up likewise. -log(1 - luck) of a luck is compared with the sums of -log of what survives.
         """
-        n = len(column)
-        measured = [[self._measure_packet(size) for size in sizes] for sizes in bills]
-        share = np.array([sum(sizes) / CURVE_BYTES for sizes in bills])[:, None]
-        packets = np.array([float(sum(count for count, _ in one)) for one in measured])[:, None]
-        size = np.array([math.fsum(length for _, length in one) for one in measured])[:, None]
-        error = self._errors.compute(
-            picture.power_dbm[:, :n].T - self._interface.noise_dbm, picture.classes[:, :n].T, CURVE_BYTES
-        )
+        n, load = len(column), self._load
+        rows = np.array([column[one.sender] for one in transmissions], dtype=np.intp)
+        share, packets, size = np.array([bill[2:] for bill in bills]).T[:, :, None]
+        snr = picture.power_dbm[:, :n].T - self._interface.noise_dbm
+        error = self._errors.compute(snr, picture.classes[:, :n].T, CURVE_BYTES)
         fades = -portable.log(np.maximum(1.0 - error, 1e-300))
-        load = self._load
         collisions = size if isinstance(self._interface, SidelinkInterface) else packets
         risks = (
             share * fades[rows],
@@ -298,27 +336,33 @@ class RadioMedium:
             packets * load.half_duplex_per_packet[rows] + size * load.half_duplex_per_second[rows],
             collisions * load.collision_per_packet[rows] + size * load.collision_per_second[rows],
         )
-        lucks = np.zeros((len(transmissions), n))
-        for luck, one in zip(lucks, transmissions, strict=True):
-            luck[[column[receiver] for receiver in one.receivers]] = one.lucks
-        threshold, total, causes = (
-            -portable.log(1.0 - lucks),
-            np.zeros_like(lucks),
-            np.zeros(lucks.shape, dtype=np.intp),
-        )
+        lucks = np.array([_spread_lucks(one, column, n) for one in transmissions])
+        threshold, total = -portable.log(1.0 - lucks), np.zeros_like(lucks)
+        causes = np.zeros(lucks.shape, dtype=np.intp)
         for risk in risks:
             total = total + risk
             causes += threshold >= total
-        return causes.tolist()
+        return [row.tolist() for row in causes]
 
-    def _list_links(self, scene: RadioScene, picture: RadioPicture, row: int) -> dict[str, AirLink]:
-        n = len(scene.stations)
-        kinds, levels = picture.classes[:n, row].tolist(), np.rint(picture.power_dbm[:n, row]).astype(np.int64).tolist()
-        return {
-            station: AirLink(_CLASSES[kind], level)
-            for i, (station, kind, level) in enumerate(zip(scene.stations, kinds, levels, strict=True))
-            if i != row
-        }
+
+def _spread_lucks(one: Transmission, column: Mapping[str, int], count: int) -> list[float]:
+    """Return the random numbers of a message by station; 0 for those that are no receivers."""
+    lucks = [0.0] * count
+    for receiver, luck in zip(one.receivers, one.lucks, strict=True):
+        lucks[column[receiver]] = luck
+    return lucks
+
+
+def _list_links(stations: Sequence[str], picture: RadioPicture, row: int) -> dict[str, AirLink]:
+    """Return the links of a station to all others."""
+    n = len(stations)
+    kinds, levels = picture.classes[:n, row].tolist(), np.rint(picture.power_dbm[:n, row]).tolist()
+    links = {
+        station: AirLink(_CLASSES[kind], int(level))
+        for station, kind, level in zip(stations, kinds, levels, strict=True)
+    }
+    del links[stations[row]]
+    return links
 
 
 _CLASSES = tuple(LinkClass)
@@ -326,5 +370,7 @@ _CLASSES = tuple(LinkClass)
 
 def _name_losses(one: Transmission, column: Mapping[str, int], causes: list[int]) -> dict[str, RadioLoss]:
     """Return the receivers that do not get a message."""
+    if min(causes, default=0) == len(_LOSSES):
+        return {}
     found = ((receiver, causes[column[receiver]]) for receiver in one.receivers)
     return {receiver: _LOSSES[cause] for receiver, cause in found if cause < len(_LOSSES)}

@@ -1,26 +1,24 @@
-"""TransmitGate: what may hold a station's packets back before they go on air (DCC of ETSI TS 102 687)."""
+"""TransmitGate: congestion control between the queue of a station and the air (DCC of ETSI TS 102 687)."""
 
-from typing import Protocol
+from mdrive_sumo.v2x.services.dcc import AdaptiveDcc
+
+LEAST_GAP_S, LONGEST_GAP_S = 0.025, 1.0
+"""TS 102 687 V1.2.1, annex B: bounds of the time between two packets of a station."""
 
 
-class TransmitGate(Protocol):
-    """Congestion control of one station."""
+class TransmitGate:
+    """Congestion control of one station: packets of T seconds begin T / delta apart, delta the air time it may use."""
 
-    def update(self, busy_ratio: float) -> None:
-        """Take the busy ratio in [0, 1] that the station measured in the last 200 ms."""
-        ...
+    def __init__(self) -> None:
+        self._dcc = AdaptiveDcc()
+        self._last_ratio = 0.0
+
+    def update(self, tick: int, busy_ratio: float) -> None:
+        """Take the busy ratio in [0, 1] that the station measured, 200 ms after the one before."""
+        self._dcc.update(tick, busy_ratio, self._last_ratio)
+        self._last_ratio = busy_ratio
 
     def find_opening(self, end_s: float, airtime_s: float) -> float:
-        """Return the time [s] from which the next packet may go, after one that ended at `end_s`."""
-        ...
-
-
-class OpenGate:
-    """No congestion control."""
-
-    def update(self, busy_ratio: float) -> None:
-        """Do nothing."""
-
-    def find_opening(self, end_s: float, airtime_s: float) -> float:  # noqa: ARG002 - as the protocol
-        """Return the end of the packet before."""
-        return end_s
+        """Return the time [s] from which the next packet may go, after one of `airtime_s` that began before `end_s`."""
+        gap_s = min(max(airtime_s / self._dcc.delta, LEAST_GAP_S), LONGEST_GAP_S)
+        return end_s - airtime_s + gap_s

@@ -29,6 +29,7 @@ from mdrive_sumo.v2x.comm_settings import (
 )
 from mdrive_sumo.v2x.messages import TYPES
 from mdrive_sumo.v2x.radio.radio_settings import CornerModel, RadioProfile, RadioSettings
+from mdrive_sumo.v2x.services.sending_rate import SendingRate
 
 
 @pytest.mark.parametrize(
@@ -298,6 +299,15 @@ def test_a_command_takes_its_channel_and_its_clock_out_of_its_options() -> None:
         ("a/cam", "*/text@7"),
         Clock("fixed", 2),
     )
+
+
+def test_on_a_radio_stations_send_by_etsis_rules_unless_told_otherwise() -> None:
+    assert parsed("--comm", "its-g5")[0].v2x_rate is SendingRate.ETSI
+    assert parsed("--comm", "its-g5", "--v2x-rate", "fixed")[0].v2x_rate is SendingRate.FIXED
+    assert parsed("--comm", "realistic")[0].v2x_rate is SendingRate.FIXED
+    options = EpisodeOptions.parse(comm="lte-v2x")
+    assert options.v2x_rate is SendingRate.ETSI
+    assert EpisodeOptions.from_dict(options.to_dict()) == options
 
 
 @pytest.mark.parametrize(

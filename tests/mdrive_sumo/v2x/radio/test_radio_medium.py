@@ -12,6 +12,7 @@ from mdrive_sumo.v2x.radio.path_loss import CARRIER_GHZ, LinkClass, RadioEnviron
 from mdrive_sumo.v2x.radio.radio_medium import LOAD_TICKS, RadioLoss, RadioMedium, Reception, Transmission
 from mdrive_sumo.v2x.radio.radio_scene import RadioScene
 from mdrive_sumo.v2x.radio.radio_settings import RadioProfile, RadioSettings
+from mdrive_sumo.v2x.radio.transmit_gate import TransmitGate
 
 ITS_G5, LTE_V2X = RadioSettings(RadioProfile.ITS_G5), RadioSettings(RadioProfile.LTE_V2X)
 SETTINGS = st.sampled_from([ITS_G5, LTE_V2X])
@@ -90,23 +91,37 @@ def test_a_message_is_on_air_after_access_and_airtime_of_all_its_packets() -> No
     scene = make_scene([(0.0, 0.0), (50.0, 0.0)])
     access = 32e-6 + 6 * 13e-6 + 7.5 * 13e-6
     assert transmit(ITS_G5, scene, 29).arrival_s == pytest.approx(access + 320e-6)
-    assert transmit(ITS_G5, scene, 1398 + 29, tick=40).arrival_s == pytest.approx(2.0 + 2 * access + 2144e-6 + 320e-6)
+    gap = 2144e-6 / 0.03 - 2144e-6  # until the second packet may go: the station uses 3 % of the air time
+    two_packets = transmit(ITS_G5, scene, 1398 + 29, tick=40).arrival_s
+    assert two_packets == pytest.approx(2.0 + access + 2144e-6 + gap + access + 320e-6, rel=1e-3)
     assert transmit(LTE_V2X, scene, 29).arrival_s == pytest.approx(0.052 + 1e-3)
 
 
-def test_messages_queue_and_expire() -> None:
-    """20 kB take 31 ms of airtime: thirty at once fill almost a second, and no more are sent."""
+def test_messages_queue_behind_congestion_control_and_expire() -> None:
+    """20 kB are 31 ms of airtime, in 3 % of it that takes a second: one message arrives, the next are too late."""
     scene = make_scene([(0.0, 0.0), (20.0, 0.0)])
-    message = Transmission("cav0", 20_000, ("cav1",), (0.99,))
+    message = Transmission("cav0", 18_000, ("cav1",), (0.99,))
     medium = RadioMedium(ITS_G5, RadioEnvironment.URBAN, 1)
-    received = medium.transmit(0, scene, [message] * 40)
-    sent = [one.arrival_s for one in received if math.isfinite(one.arrival_s)]
-    assert sent == sorted(sent)
-    assert 25 <= len(sent) < 40
-    assert sent[-1] <= 1.0
-    assert all(not one.losses for one in received if math.isinf(one.arrival_s))
-    assert medium.transmit(10, scene, [message._replace(payload_bytes=29)])[0].arrival_s > sent[-1]
+    received = medium.transmit(0, scene, [message] * 3)
+    assert [math.isfinite(one.arrival_s) for one in received] == [True, False, False]
+    assert 0.8 < received[0].arrival_s <= 1.0
+    assert not received[1].losses
+    small = message._replace(payload_bytes=29)
+    assert math.isinf(medium.transmit(0, scene, [small])[0].arrival_s)  # queued behind what was sent
+    assert medium.transmit(8, scene, [small])[0].arrival_s > received[0].arrival_s
     assert medium.list_busy_ratios()[0].ratio == 0.0
+
+
+def test_congestion_control_lets_a_station_send_less_on_a_busy_channel() -> None:
+    """TS 102 687: from a share of 3 %, each 200 ms nearer to the share that holds the busy ratio at 68 %."""
+    gate, gaps = TransmitGate(), list[float]()
+    for i in range(100):
+        gaps.append(gate.find_opening(1.0, 3e-3) - 1.0 + 3e-3)
+        gate.update(4 * i, 0.9)
+    assert gaps[0] == pytest.approx(0.1)
+    assert gaps == sorted(gaps)
+    assert 0.3 < gaps[-1] <= 1.0
+    assert TransmitGate().find_opening(1.0, 1e-4) == pytest.approx(1.0 - 1e-4 + 0.025)
 
 
 def test_the_reasons_share_the_lucks_in_their_order() -> None:
