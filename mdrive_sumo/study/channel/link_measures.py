@@ -111,8 +111,7 @@ class _Arrival(NamedTuple):
 def _list_receivers(sent: SentMessage) -> Iterator[tuple[str, str]]:
     """Yield the receivers whose fate is known, with the class of their link."""
     for receiver in sent.deliveries:
-        link = sent.links.get(receiver)
-        yield receiver, UNKNOWN_CLASS if link is None else link.link_class.name.replace("SV", "Sv").replace("SB", "Sb")
+        yield receiver, UNKNOWN_CLASS
 
 
 def _add_by_class(
