@@ -13,10 +13,11 @@ from mdrive_sumo.core.private_paths import hide_command
 from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.runs.stored_run import load_stored_run
-from mdrive_sumo.study.channel.channel_figures import draw_ages, draw_awareness, draw_gaps, draw_reception
+from mdrive_sumo.study.channel.channel_figures import draw_ages, draw_awareness, draw_busy, draw_gaps, draw_reception
 from mdrive_sumo.study.channel.channel_files import (
     awareness_csv,
     build_summary_table,
+    busy_csv,
     channel_json,
     channel_markdown,
     reception_csv,
@@ -35,8 +36,8 @@ def channel_command(runs: tuple[Path, ...], patterns: tuple[str, ...], out: Path
 
     RUN is a folder written by `eval`; nothing is driven again. Writes reception.csv (packet reception ratio over
     distance by class of links and type of message), gaps.csv (time between receptions), ages.csv (age of information),
-    awareness.csv (road users that CAVs know of), a picture for each, channel.json and channel.md into --out, all or
-    nothing.
+    awareness.csv (road users that CAVs know of), of runs over a radio busy.csv (channel busy ratio), a picture for
+    each, channel.json and channel.md into --out, all or nothing.
 
     Exit codes: 0 done, 2 unusable input.
     """
@@ -44,6 +45,7 @@ def channel_command(runs: tuple[Path, ...], patterns: tuple[str, ...], out: Path
     loaded = [(folder, load_stored_run(folder, suite)) for folder in runs]
     measured = measure_runs(loaded, patterns, lambda name: echo(name, err=True))
     command = hide_command(get_command_line(), out)
+    has_radio = any(run.loads.by_second for run in measured)
     with atomic_folder(out) as draft:
         pictures = [
             draw(measured, draft / stem)[0].name
@@ -52,6 +54,7 @@ def channel_command(runs: tuple[Path, ...], patterns: tuple[str, ...], out: Path
                 (draw_gaps, "gaps"),
                 (draw_ages, "ages"),
                 (draw_awareness, "awareness"),
+                *(((draw_busy, "busy"),) if has_radio else ()),
             )
         ]
         pages = {
@@ -59,6 +62,7 @@ def channel_command(runs: tuple[Path, ...], patterns: tuple[str, ...], out: Path
             "gaps.csv": times_csv(measured, "gaps"),
             "ages.csv": times_csv(measured, "ages"),
             "awareness.csv": awareness_csv(measured),
+            **({"busy.csv": busy_csv(measured)} if has_radio else {}),
             "channel.json": channel_json(measured, command),
             "channel.md": channel_markdown(measured, shlex.join(command), pictures),
         }

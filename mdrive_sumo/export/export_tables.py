@@ -11,6 +11,8 @@ from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.export.scored_recording import ScoredRecording
 from mdrive_sumo.export.table_files import Columns, TableColumn, TableParts, write_csv_tables
 from mdrive_sumo.scoring import EgoResult
+from mdrive_sumo.v2x.radio.path_loss import LINK_NAMES
+from mdrive_sumo.v2x.radio.radio_medium import AirLink
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +80,23 @@ def _build_states(recording: ScoredRecording) -> Columns:
 
 def _build_messages(recording: ScoredRecording) -> Columns:
     rows = [
-        (sent.message.tick, sent.message.sender, sent.message.type, len(sent.message.payload), receiver, *delivery)
+        (
+            *(sent.message.tick, sent.message.sender, sent.message.type, len(sent.message.payload), receiver),
+            *delivery,
+            *_describe_link(sent.links.get(receiver)),
+        )
         for sent in recording.record.messages
         for receiver, delivery in sent.deliveries.items()
     ]
-    columns = _transpose(rows, ("tick", "sender", "type", "bytes", "receiver", "delivery", "delivery_tick"))
+    names = ("tick", "sender", "type", "bytes", "receiver", "delivery", "delivery_tick", "link_class", "power_dbm")
+    columns = _transpose(rows, names)
     times = [round(tick * DT, 2) for tick in columns["tick"]]
     return {**columns, "time_s": times, "delivery": [str(status) for status in columns["delivery"]]}
+
+
+def _describe_link(link: AirLink | None) -> tuple[str, int | None]:
+    """Return the class of a radio link and the power that is received over it; empty where the channel is no radio."""
+    return ("", None) if link is None else (LINK_NAMES[link.link_class], link.power_dbm)
 
 
 def _build_events(recording: ScoredRecording) -> Columns:
@@ -188,6 +200,8 @@ EXPORT_TABLES = (
             TableColumn("receiver", "string", "", "id of the station that receives or should"),
             TableColumn("delivery", "string", "", "delivered, lost, out-of-range, ..."),
             TableColumn("delivery_tick", "integer", "tick", "tick of the arrival or loss"),
+            TableColumn("link_class", "string", "", "LOS, NLOSv or NLOSb when it was sent; empty unless a radio"),
+            TableColumn("power_dbm", "integer", "dBm", "received power when it was sent; empty unless a radio"),
         ),
         _build_messages,
     ),

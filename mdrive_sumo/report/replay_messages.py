@@ -26,6 +26,7 @@ from mdrive_sumo.v2x.messages import (
     decode,
     find_problem,
 )
+from mdrive_sumo.v2x.radio.path_loss import LINK_NAMES, LinkClass
 
 SHOWN_EVERY_TICKS = 4
 """Objects of CPMs and trajectories of MCMs are included at 5 Hz at most, to limit the size of the page."""
@@ -66,18 +67,24 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
         "types": types,
         "fates": [str(fate) for fate in FATES],
         "not_transmitted": sorted(NOT_TRANSMITTED),
-        "link_classes": [],
+        "link_classes": [LINK_NAMES[link_class] for link_class in LinkClass],
         "terms": terms,
         "problems": [(row.row, problem) for row in rows if (problem := find_problem(row.message)) is not None],
         "texts": _list_texts(rows),
     }
     heads = [(types.index(m.type), column[m.sender], m.tick, len(m.payload)) for m in (row.message for row in rows)]
+    links = [
+        (i, column[receiver], int(link.link_class), link.power_dbm)
+        for i, sent_message in enumerate(sent)
+        for receiver, link in sent_message.links.items()
+        if receiver in column
+    ]
     objects, tracks = _tabulate_objects(rows, origin)
     header["tracks"] = tracks
     return header, {
         "messages": _make_table(heads, 4),
         "fates": _make_table(_list_fates(sent, column), 4),
-        "links": _make_table((), 4),
+        "links": _make_table(links, 4),
         "cams": _make_table(
             (_encode_cam(row.row, row.content, origin) for row in rows if isinstance(row.content, Cam)), 9
         ),

@@ -11,18 +11,20 @@ from mdrive_sumo.core.state import DT
 from mdrive_sumo.report.figure_style import COLOURS, MARKERS, open_figure, save_figure
 from mdrive_sumo.study.channel.channel_files import sum_counts
 from mdrive_sumo.study.channel.channel_study import RunMeasures
-from mdrive_sumo.study.channel.link_measures import RING_M, Counts, LinkGroup
+from mdrive_sumo.study.channel.link_measures import RING_M, Counts, LinkGroup, list_link_classes
 
 MIN_SHOWN = 30
 """Rings with fewer pairs are not drawn: 30 with half of them received have a standard error of 9 points."""
 PANELS_PER_ROW = 3
+LEAST_TOP_PERCENT = 1.0
+"""Of the axis of busy ratios: an idle channel has an axis, too."""
 PERCENT_TICKS = (0.1, 1, 10, 100)
 """On the logarithmic axes of gaps and ages, down to a thousandth."""
 
 
 def draw_reception(measured: Sequence[RunMeasures], stem: Path) -> tuple[Path, Path]:
     """Write STEM.png and STEM.svg: the packet reception ratio over distance, a colour for each class of links."""
-    classes = sorted({ring.group.link_class for run in measured for ring in run.links.transmitted})
+    classes = list_link_classes(ring.group for run in measured for ring in run.links.transmitted)
 
     def draw(axes: Axes, run: RunMeasures) -> None:
         for i, link_class in enumerate(classes):
@@ -85,6 +87,25 @@ def _draw_tails(
         axes.set(xlabel=labels[0], ylabel=f"{labels[1]} [%]", ylim=(PERCENT_TICKS[0], 130))
 
     return _draw_panels(measured, draw, title, stem)
+
+
+def draw_busy(measured: Sequence[RunMeasures], stem: Path) -> tuple[Path, Path]:
+    """Write STEM.png and STEM.svg: the channel busy ratio over the time of episodes, its mean and its spread."""
+
+    highest = max(load.high for run in measured for load in run.loads.list_seconds())
+
+    def draw(axes: Axes, run: RunMeasures) -> None:
+        loads = run.loads.list_seconds()
+        if not loads:
+            return
+        times = [load.second + 0.5 for load in loads]
+        low, high = ([100 * end for end in ends] for ends in zip(*((one.low, one.high) for one in loads), strict=True))
+        axes.fill_between(times, low, high, color=COLOURS[0], alpha=0.15, lw=0, label="nine of ten stations")
+        axes.plot(times, [100 * load.mean for load in loads], color=COLOURS[0], label="mean over stations and episodes")
+        axes.set(xlabel="time since the start of the episode [s]", ylabel="channel busy ratio [%]")
+        axes.set_ylim(0, max(110 * highest, LEAST_TOP_PERCENT))
+
+    return _draw_panels(measured, draw, "Channel busy ratio over time", stem)
 
 
 def draw_awareness(measured: Sequence[RunMeasures], stem: Path) -> tuple[Path, Path]:

@@ -18,8 +18,17 @@ from mdrive_sumo.core.tables import (
     make_text_columns,
 )
 from mdrive_sumo.report.result_tables import list_percent
+from mdrive_sumo.study.channel.channel_load import LoadOfSecond
 from mdrive_sumo.study.channel.channel_study import RunMeasures
-from mdrive_sumo.study.channel.link_measures import NOTHING, RING_M, Counts, LinkCounts, LinkGroup, add_counts
+from mdrive_sumo.study.channel.link_measures import (
+    NOTHING,
+    RING_M,
+    Counts,
+    LinkCounts,
+    LinkGroup,
+    add_counts,
+    list_link_classes,
+)
 from mdrive_sumo.study.study_files import dump_page, format_facts
 
 FORMAT = "mdrive-sumo/channel-study/1"
@@ -32,6 +41,7 @@ A **gap** is the time between two receptions of a type from the same sender; the
 since the newest received message was sent, over all ticks from the first reception until a station ends. **Known** is
 the environmental awareness ratio: the share of vehicles, cyclists and pedestrians within 100 m of a CAV that it knows
 by its own sensors (at least a tenth visible within 100 m), or by a CAM or an object of a CPM of the last second.
+**Busy** is the mean channel busy ratio of all stations (ETSI TS 102 687), where the channel is a radio.
 No intervals: messages of an episode depend on each other; counts stand in the CSV files."""
 
 
@@ -89,6 +99,7 @@ def build_summary_table(measured: Sequence[RunMeasures]) -> Table:
         Column("gap_95", "gap 95 % s", decimals=2),
         Column("age", "age s", decimals=2),
         Column("age_95", "age 95 % s", decimals=2),
+        Column("busy", "busy %", decimals=1),
         Column("seen", "known by sensors %", decimals=1),
         Column("known", "and by messages %", decimals=1),
     )
@@ -105,12 +116,12 @@ ALL_CLASSES = "all"
 
 def _list_classes(run: RunMeasures) -> list[str]:
     """Return "all", and the classes of links if the recordings have several."""
-    classes = sorted({ring.group.link_class for ring in run.links.transmitted})
+    classes = list_link_classes(ring.group for ring in run.links.transmitted)
     return [ALL_CLASSES, *(classes if len(classes) > 1 else ())]
 
 
 def _list_summary_values(run: RunMeasures, link_class: str) -> Iterator[tuple[str, CellValue]]:
-    """Yield the values of a row by the keys of its columns; awareness is of CAVs, not of links."""
+    """Yield the values of a row by the keys of its columns; load and awareness are of stations, not of links."""
     is_all = link_class == ALL_CLASSES
     transmitted, received = (
         sum(count for ring, count in counts.items() if is_all or ring.group.link_class == link_class)
@@ -124,8 +135,9 @@ def _list_summary_values(run: RunMeasures, link_class: str) -> Iterator[tuple[st
         counts = sum_counts(by_group, "" if is_all else link_class)
         yield name, compute_mean_s(counts)
         yield f"{name}_95", find_late_s(counts)
-    shares = [run.awareness.compute_ratio(counts) if is_all else None for counts in _list_known(run)]
-    yield from zip(("seen", "known"), list_percent(shares), strict=True)
+    shares = (run.loads.compute_mean(), *(run.awareness.compute_ratio(counts) for counts in _list_known(run)))
+    percents = list_percent([share if is_all else None for share in shares])
+    yield from zip(("busy", "seen", "known"), percents, strict=True)
 
 
 def _list_known(run: RunMeasures) -> tuple[Counter[int], Counter[int]]:
@@ -220,6 +232,13 @@ def times_csv(measured: Sequence[RunMeasures], measure: str) -> str:
 
 def _get_times(links: LinkCounts, measure: str) -> Mapping[LinkGroup, Counts]:
     return links.gaps if measure == "gaps" else links.ages
+
+
+def busy_csv(measured: Sequence[RunMeasures]) -> str:
+    """Return one line for each run and second: how many stations measured, and their busy ratios in [0, 1]."""
+    columns = (*make_text_columns({"run": "run"}), *(Column(name, name) for name in LoadOfSecond._fields))
+    rows = [make_row((run.name, *load)) for run in measured for load in run.loads.list_seconds()]
+    return format_csv(Table("busy", "", columns, tuple(rows)))
 
 
 def awareness_csv(measured: Sequence[RunMeasures]) -> str:

@@ -9,6 +9,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.export.export_run import load_recordings, select_recorded
 from mdrive_sumo.runs.stored_run import StoredRun
 from mdrive_sumo.study.channel.awareness import AwarenessCounts
+from mdrive_sumo.study.channel.channel_load import ChannelLoads
 from mdrive_sumo.study.channel.link_measures import LinkCounts
 from mdrive_sumo.v2x.channel import NOT_TRANSMITTED
 
@@ -24,6 +25,7 @@ class RunMeasures:
     episodes: int = 0
     links: LinkCounts = field(default_factory=LinkCounts)
     awareness: AwarenessCounts = field(default_factory=AwarenessCounts)
+    loads: ChannelLoads = field(default_factory=ChannelLoads)
 
 
 def measure_runs(
@@ -44,6 +46,7 @@ def measure_runs(
         for recording in load_recordings(stored, results):
             measures.links.add(recording.record, recording.scenario)
             measures.awareness.add(recording.record, recording.roads)
+            measures.loads.add(recording.record.busy_ratios)
             measures.episodes += 1
             announce(f"{name}: {recording.name}")
         _check_transmitted(measures)

@@ -5,7 +5,7 @@ information: Kaul, Yates, Gruteser, "Real-time status: How often should one upda
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.v2x.channel import NOT_TRANSMITTED, DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.radio.path_loss import LINK_NAMES
 
 RING_M = 20.0
 """Width of a ring of distances (TR 36.885, A.1.5)."""
@@ -111,7 +112,14 @@ class _Arrival(NamedTuple):
 def _list_receivers(sent: SentMessage) -> Iterator[tuple[str, str]]:
     """Yield the receivers whose fate is known, with the class of their link."""
     for receiver in sent.deliveries:
-        yield receiver, UNKNOWN_CLASS
+        link = sent.links.get(receiver)
+        yield receiver, UNKNOWN_CLASS if link is None else LINK_NAMES[link.link_class]
+
+
+def list_link_classes(groups: Iterable[LinkGroup]) -> list[str]:
+    """Return the classes of links that occur, the clearest first."""
+    found = {group.link_class for group in groups}
+    return [name for name in (UNKNOWN_CLASS, *LINK_NAMES.values()) if name in found]
 
 
 def _add_by_class(

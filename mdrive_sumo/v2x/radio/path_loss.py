@@ -34,6 +34,10 @@ class LinkClass(IntEnum):
     """A building."""
 
 
+LINK_NAMES = {LinkClass.LOS: "LOS", LinkClass.NLOSV: "NLOSv", LinkClass.NLOSB: "NLOSb"}
+"""Names of the classes of links as TR 37.885 and GEMV2 write them."""
+
+
 class RadioEnvironment(StrEnum):
     """Which formulas of TR 37.885 hold on a map."""
 

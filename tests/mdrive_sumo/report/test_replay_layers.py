@@ -30,6 +30,8 @@ from mdrive_sumo.v2x.messages import (
     decode,
     encode,
 )
+from mdrive_sumo.v2x.radio.path_loss import LinkClass
+from mdrive_sumo.v2x.radio.radio_medium import AirLink
 from tests.mdrive_sumo.report.test_replay_page import HOSTILE, SETTLED, carried, needs_browser, opened, wait
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
@@ -240,6 +242,19 @@ def test_links_say_what_was_received_within_a_second(page: Any, talk: EpisodeRec
         share = sum(status is DeliveryStatus.DELIVERED for status, _ in fates) / len(fates)
         assert one["share"] == pytest.approx(share) and one["name"] == ""
     assert not page.is_visible("#link-classes")
+
+
+@needs_browser
+def test_links_of_a_radio_have_a_class(browser: Any, tmp_path: Path) -> None:
+    episode, path = talking(), tmp_path / "radio.html"
+    houses = {name: AirLink(LinkClass.NLOSB, -80) for name in episode.ego_ids}
+    messages = tuple(replace(sent, links=houses) for sent in episode.messages)
+    path.write_text(page_of(replace(episode, messages=messages), egos=2), encoding="utf-8")
+    for tab in opened(browser, path.as_uri()):
+        tab.keyboard.press("r")
+        wait(tab, "viewer.layers.includes('links')")
+        assert {one["name"] for one in tab.evaluate("viewer.talk.linksAt(30)")} == {"NLOSb"}
+        assert tab.is_visible("#link-classes")
 
 
 @needs_browser

@@ -25,9 +25,12 @@ from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.scenario import RoadsideUnit
 from mdrive_sumo.study.channel.awareness import AwarenessCounts
 from mdrive_sumo.study.channel.channel_files import compute_mean_s, find_late_s
-from mdrive_sumo.study.channel.link_measures import NOTHING, LinkCounts, LinkGroup, Ring, add_counts
+from mdrive_sumo.study.channel.channel_load import ChannelLoads
+from mdrive_sumo.study.channel.link_measures import NOTHING, LinkCounts, LinkGroup, Ring, add_counts, list_link_classes
 from mdrive_sumo.v2x.channel import Delivery, DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.messages import Cam, Cpm, ReferencePose, encode
+from mdrive_sumo.v2x.radio.path_loss import LinkClass
+from mdrive_sumo.v2x.radio.radio_medium import AirLink, BusyRatio
 
 TWO = scenario(ego("0"), ego("1", y=30.0), rsus=(RoadsideUnit(id="rsu", x=0.0, y=-50.0),))
 """CAV 0 drives along y = 0, CAV 1 along y = 30; a road-side unit stands at (0, -50)."""
@@ -119,6 +122,37 @@ def test_means_and_late_times(counts: Sequence[int], mean: float | None, late: f
     assert (compute_mean_s(values), find_late_s(values)) == (pytest.approx(mean), late)
 
 
+def test_links_of_a_radio_are_apart_by_class() -> None:
+    def over(link_class: LinkClass, message: SentMessage) -> SentMessage:
+        return replace(message, links={"1": AirLink(link_class, -80)})
+
+    counts = count_links(
+        over(LinkClass.NLOSB, sent(0, "0", {"1": (DELIVERED, 1)})),
+        over(LinkClass.NLOSB, sent(2, "0", {"1": (DeliveryStatus.LOST_PATH_LOSS, 2)})),
+        over(LinkClass.LOS, sent(4, "0", {"1": (DELIVERED, 5)})),
+        over(LinkClass.NLOSV, sent(6, "0", {"1": (DeliveryStatus.EXPIRED, 6)})),
+        last=6,
+    )
+    behind_house, in_sight = LinkGroup("NLOSb", "cam"), LinkGroup("LOS", "cam")
+    assert counts.transmitted == {Ring(behind_house, 1): 2, Ring(in_sight, 1): 1}
+    assert counts.gaps.keys() == {in_sight} and counts.gaps[in_sight].tolist() == [0, 0, 0, 0, 1]
+    # In ticks 1 to 4 the newest message came past a house, then in sight.
+    assert counts.ages[behind_house].tolist() == [0, 1, 1, 1, 1] and counts.ages[in_sight].tolist() == [0, 1, 1]
+    assert list_link_classes(ring.group for ring in counts.transmitted) == ["LOS", "NLOSb"]
+    assert counts.statuses[LinkGroup("NLOSv", "cam"), "expired"] == 1
+
+
+def test_busy_ratios_by_second() -> None:
+    loads = ChannelLoads()
+    assert (loads.list_seconds(), loads.compute_mean()) == ([], None)
+    loads.add(BusyRatio(tick, station, tick / 100) for tick in (0, 10, 20) for station in "ab")
+    first, second = loads.list_seconds()
+    assert (first.second, first.measured, first.mean, first.highest) == (0, 4, pytest.approx(0.05), 0.1)
+    assert (first.low, first.high) == (0.0, 0.1)
+    assert (second.second, second.measured, second.mean) == (1, 2, 0.2)
+    assert loads.compute_mean() == pytest.approx(0.1)
+
+
 # ---- awareness
 
 WALLED = replace(
@@ -170,7 +204,7 @@ def test_shares_of_nothing_are_undefined() -> None:
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Runs of sharing over three channels, and one of CAVs that say nothing."""
+    """Runs of sharing over four channels, and one of CAVs that say nothing."""
     folder = tmp_path_factory.mktemp("channel")
     suite = make_short_suite(folder / "suite", "i11_ins_sl_town", metres=12)
     with pytest.MonkeyPatch.context() as patch:
@@ -180,6 +214,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
             ("ideal", "sharing", "ideal"),
             ("silent", "single", "ideal"),
             ("off", "sharing", "off"),
+            ("radio", "sharing", "its-g5"),
         ):
             words = ("--agent", agent, "--comm", comm, "--workers", "1", "--out", folder / name)
             assert invoke("eval", "--suite", suite, *words).exit_code == 0
@@ -203,6 +238,19 @@ def test_a_study_from_the_command_line(driven: Path, tmp_path: Path) -> None:
     assert lossy["age"] > ideal["age"] and ideal["known"] >= ideal["seen"] > 0
     rows = list(csv.DictReader(io.StringIO((tmp_path / "out" / "reception.csv").read_text())))
     assert sum(int(row["transmitted"]) for row in rows if row["run"] == "sharing, realistic") == lossy["deliveries"]
+
+
+@pytest.mark.slow
+def test_a_study_of_a_radio_has_its_load_and_classes(driven: Path, tmp_path: Path) -> None:
+    done = invoke("study", "channel", driven / "radio", driven / "ideal", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "out" / "busy.csv").read_text())))
+    assert {row["run"] for row in rows} == {"sharing, its-g5"} and float(rows[1]["mean"]) > 0
+    assert (tmp_path / "out" / "busy.png").stat().st_size > 0
+    summary = json.loads((tmp_path / "out" / "channel.json").read_text())["summary"]
+    classes = {row["class"] for row in summary if row["run"] == "sharing, its-g5"}
+    assert {"all", "LOS", "NLOSb"} <= classes
+    assert summary[0]["busy"] > 0 and summary[-1]["busy"] is None
 
 
 BAD_INPUT = [
