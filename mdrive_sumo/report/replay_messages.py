@@ -73,18 +73,12 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
         "texts": _list_texts(rows),
     }
     heads = [(types.index(m.type), column[m.sender], m.tick, len(m.payload)) for m in (row.message for row in rows)]
-    links = [
-        (i, column[receiver], int(link.link_class), link.power_dbm)
-        for i, sent_message in enumerate(sent)
-        for receiver, link in sent_message.links.items()
-        if receiver in column
-    ]
     objects, tracks = _tabulate_objects(rows, origin)
     header["tracks"] = tracks
     return header, {
         "messages": _make_table(heads, 4),
         "fates": _make_table(_list_fates(sent, column), 4),
-        "links": _make_table(links, 4),
+        "links": _make_table(_list_links(sent, column), 4),
         "cams": _make_table(
             (_encode_cam(row.row, row.content, origin) for row in rows if isinstance(row.content, Cam)), 9
         ),
@@ -110,6 +104,16 @@ def describe_event(denm: Denm) -> str:
     words = denm.cause.name.lower().replace("_", " ")
     end = ", cancelled" if denm.termination is not Termination.NONE else f", valid for {denm.validity_s:g} s"
     return f"event {denm.sequence}, {words}, at ({denm.x:.1f}, {denm.y:.1f}){end}"
+
+
+def _list_links(sent: Sequence[SentMessage], column: Mapping[str, int]) -> list[tuple[int, int, int, int]]:
+    """Return row, receiver, class and power [dBm] of the radio links; none where the channel is no radio."""
+    return [
+        (row, column[receiver], int(link.link_class), link.power_dbm)
+        for row, sent_message in enumerate(sent)
+        for receiver, link in sent_message.links.items()
+        if receiver in column
+    ]
 
 
 def _list_fates(sent: Sequence[SentMessage], column: Mapping[str, int]) -> Iterator[tuple[int, int, int, int]]:
