@@ -16,10 +16,13 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.v2x.channel import NOT_TRANSMITTED, DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.messages import DENM, TEXT
 from mdrive_sumo.v2x.radio.path_loss import LINK_NAMES
 
 RING_M = 20.0
 """Width of a ring of distances (TR 36.885, A.1.5)."""
+OF_EVENTS = frozenset({DENM, TEXT})
+"""Types that are sent when something happens: the time between two of them says nothing about the channel."""
 UNKNOWN_CLASS = "any"
 """Class of all links of a recording that has no link classes."""
 Counts = npt.NDArray[np.int64]
@@ -75,6 +78,8 @@ class LinkCounts:
                 self.transmitted[ring] += 1
                 if delivery.status is DeliveryStatus.DELIVERED:
                     self.received[ring] += 1
+                    if message.type in OF_EVENTS:
+                        continue
                     pair = message.sender, receiver, message.type
                     arrivals.setdefault(pair, []).append(_Arrival(delivery.tick, message.tick, link_class))
         for (sender, receiver, message_type), received in arrivals.items():

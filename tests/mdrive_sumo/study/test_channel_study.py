@@ -99,13 +99,16 @@ def test_an_older_message_that_arrives_later_makes_nothing_newer() -> None:
 
 
 def test_types_and_senders_are_apart() -> None:
-    text = Message("text", b"")
+    """Texts and warnings come when something happens: they have neither gaps nor ages."""
+    beacon, text, warning = (Message(kind, b"") for kind in ("beacon", "text", "denm"))
     fates = {"1": (DELIVERED, 2)}
-    counts = count_links(sent(0, "0", fates), sent(0, "0", fates, text), sent(0, "rsu", fates), last=2)
+    of_cav = [sent(0, "0", fates, content) for content in (None, beacon, text, warning)]
+    counts = count_links(*of_cav, sent(0, "rsu", fates), last=2)
+    assert sum(counts.received.values()) == 5
     assert counts.gaps == {}
     assert {group: found.tolist() for group, found in counts.ages.items()} == {
         CAMS: [0, 0, 2],
-        LinkGroup("any", "text"): [0, 0, 1],
+        LinkGroup("any", "beacon"): [0, 0, 1],
     }
 
 
