@@ -33,7 +33,7 @@ from mdrive_sumo.sumo import SumoWorld
 
 sys.path.insert(0, str(Path(__file__).parent))
 from busy_grid import VEHICLES, busy_scenario, grid
-from cooperation import channel_row, sensor_rows
+from cooperation import channel_row, radio_row, sensor_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -220,7 +220,7 @@ def main() -> None:
         roads = grid(folder / "grid")
         parts: list[Callable[[], Iterator[Row]]] = [
             lambda: tick_ratios(roads), lambda: lone_tick(roads, folder), lambda: memory_rows(roads),
-            lambda: command_rows(folder), lambda: parallel_row(folder, roads), sensor_rows, channel_row,
+            lambda: command_rows(folder), lambda: parallel_row(folder, roads), sensor_rows, channel_row, radio_row,
             lambda: last_rows(folder),
         ]  # fmt: skip
         for part in parts:

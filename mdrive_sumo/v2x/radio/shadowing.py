@@ -32,14 +32,15 @@ class ShadowingField:
 
         A caller gives the two of a pair always in the same order (that of their names), so a pair has one value.
         """
-        total = np.zeros(len(first))
-        columns = (*first.T, *second.T)
-        phases = np.broadcast_to(self._waves[:, 4:], (WAVES, len(first)))
-        for axis, column in enumerate(columns):
+        phases = self._waves[:, 4:]
+        for axis, column in enumerate((*first.T, *second.T)):
             phases = phases + self._waves[:, axis, None] * column
-        for wave in portable.cos(phases):  # one after another: a sum over an axis has an order of NumPy's choice
-            total = total + wave
-        return total * math.sqrt(2.0 / WAVES)
+        # One wave after another: a plain sum over an axis has an order of NumPy's choice.
+        return np.add.accumulate(portable.cos(phases), axis=0)[-1] * _SCALE
+
+
+_SCALE = math.sqrt(2.0 / WAVES)
+"""Each wave has a variance of 1/2."""
 
 
 def _make_wave(uniforms: tuple[float, ...], decorrelation_m: float) -> tuple[float, float, float, float, float]:
