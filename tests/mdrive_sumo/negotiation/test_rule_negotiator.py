@@ -132,6 +132,22 @@ def test_manoeuvre_messages_come_every_4_ticks() -> None:
     assert [tick for tick in steps if steps[tick]["a"].messages] == [0, 4, 8]
 
 
+def test_by_the_rules_of_etsi_cars_agree_by_fewer_messages() -> None:
+    """Cars that drive as they announced tell what they agree to, and then that it holds for longer."""
+    sent: dict[str, list[int]] = {}
+    for rate in ("fixed", "etsi"):
+        negotiators = {name: RuleNegotiator(rate=rate) for name in "ab"}
+        steps = {}
+        for tick in range(0, 32, 4):
+            driven_m = 6.0 * tick / 20
+            steps |= talk(crossing(15.0 - driven_m, 17.0 - driven_m), negotiators, 4, first=tick)
+        a, b = steps[8]["a"].decision, steps[8]["b"].decision
+        assert a is not None and b is not None and (a.priority_over, b.yield_to) == ({"b"}, {"a"})
+        sent[rate] = [tick for tick in steps if steps[tick]["a"].messages]
+    assert sent["fixed"] == list(range(0, 32, 4))
+    assert sent["etsi"][:2] == [0, 4] and len(sent["etsi"]) <= 5 and max(np.diff(sent["etsi"])) <= 20
+
+
 def test_a_claim_holds_when_the_other_car_gets_nearer() -> None:
     negotiators = {"a": RuleNegotiator(), "b": RuleNegotiator()}
     cars = crossing(10, 11)
