@@ -154,6 +154,7 @@ def test_every_setting_has_an_option() -> None:
     assert options - {one.key for one in list_settings(RunConfig)} == {
         *("seed", "transcript", "executor", "captured"),
         *("comm_latency", "comm_loss", "comm_range", "comm_budget", "pose_error", "comm_mute"),
+        *("comm_power", "comm_gain", "comm_corner", "connected_background"),
     }
 
 
