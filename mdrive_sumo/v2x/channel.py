@@ -24,8 +24,6 @@ Lucks = tuple[tuple[float, ...], ...]
 """Random numbers in [0, 1) by tick of a block, then by receiver."""
 MAX_COUNTED_TYPES, OTHER = 32, "(other)"
 """Types of messages that results count one by one, and the name of all others, which no agent can use as a type."""
-
-
 MAX_COUNTED_PROBLEMS = 8
 """Kinds of malformed messages that results count one by one."""
 
@@ -162,6 +160,7 @@ class Channel:
                 len(one.message.payload),
                 tuple(one.others),
                 self._draw_lucks(self._radio_seed, one.message, one.n, tuple(one.others)),
+                one.message.type != FLOOD,
             )
             for one in waiting
         ]

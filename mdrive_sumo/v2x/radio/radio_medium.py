@@ -68,6 +68,8 @@ class Transmission(NamedTuple):
     receivers: tuple[str, ...]
     lucks: tuple[float, ...]
     """Random numbers in [0, 1) of the receivers. Each stands for one fate, so that better odds never lose more."""
+    is_gated: bool = True
+    """Whether congestion control holds it back; a station that floods the channel has none."""
 
 
 class AirLink(NamedTuple):
@@ -179,8 +181,7 @@ class RadioMedium:
         column = {station: i for i, station in enumerate(scene.stations)}
         bills = [self._find_bill(one.payload_bytes) for one in transmissions]
         arrivals = [
-            self._queue(tick, one.sender, bill, column[one.sender])
-            for one, bill in zip(transmissions, bills, strict=True)
+            self._queue(tick, one, bill, column[one.sender]) for one, bill in zip(transmissions, bills, strict=True)
         ]
         causes = self._find_causes(transmissions, bills, column, picture)
         senders = {one.sender for one in transmissions}
@@ -294,19 +295,22 @@ class RadioMedium:
             self._radios[station] = _StationRadio()
         return self._radios[station]
 
-    def _queue(self, tick: int, sender: str, bill: _Bill, row: int) -> float:
+    def _queue(self, tick: int, one: Transmission, bill: _Bill, row: int) -> float:
         """Put a message into the queue of its sender; return when it is on air [s], infinite if it expires.
 
         Packets that end in time take the channel, even if a later one of the message does not; the others do not.
         """
-        radio, interface = self._find_radio(sender), self._interface
+        radio, interface = self._find_radio(one.sender), self._interface
         access_s = interface.measure_access(self._load_ratios[row])
         ready_s = tick * DT
         for airtime_s, (count, size) in zip(bill.airtimes, bill.counts, strict=True):
-            end_s = max(ready_s, radio.free_s, radio.opening_s) + access_s + airtime_s
+            opening_s = radio.opening_s if one.is_gated else ready_s
+            end_s = max(ready_s, radio.free_s, opening_s) + access_s + airtime_s
             if end_s + interface.wait_s > ready_s + LIFETIME_S:
                 return math.inf
-            radio.free_s, radio.opening_s = end_s, radio.gate.find_opening(end_s, airtime_s)
+            radio.free_s = end_s
+            if one.is_gated:
+                radio.opening_s = radio.gate.find_opening(end_s, airtime_s)
             radio.sent.append((tick, count, size))
             radio.count += count
         return radio.free_s + interface.wait_s

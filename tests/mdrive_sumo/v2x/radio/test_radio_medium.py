@@ -112,6 +112,20 @@ def test_messages_queue_behind_congestion_control_and_expire() -> None:
     assert medium.list_busy_ratios()[0].ratio == 0.0
 
 
+def test_a_flood_knows_no_congestion_control_and_keeps_the_channel_busy() -> None:
+    """18 750 bytes in every tick are 29 ms of airtime each: more than half of all time, as a neighbour measures."""
+    scene = make_scene([(0.0, 0.0), (20.0, 0.0), (40.0, 0.0)])
+    flood = Transmission("cav0", 18_750, ("cav1", "cav2"), (0.99, 0.99), is_gated=False)
+    own = Transmission("cav1", 200, ("cav0", "cav2"), (0.99, 0.99))
+    medium = RadioMedium(ITS_G5, RadioEnvironment.URBAN, 1)
+    received = [medium.transmit(tick, scene, [flood, own]) for tick in range(41)]
+    assert all(math.isfinite(both[0].arrival_s) for both in received)
+    busy = {one.station: one.ratio for one in medium.list_busy_ratios() if one.tick == 40}
+    assert busy["cav0"] < 0.05
+    assert busy["cav1"] == pytest.approx(busy["cav2"], abs=0.01)
+    assert 0.4 < busy["cav1"] < 0.6
+
+
 def test_congestion_control_lets_a_station_send_less_on_a_busy_channel() -> None:
     """TS 102 687: from a share of 3 %, each 200 ms nearer to the share that holds the busy ratio at 68 %."""
     gate, gaps = TransmitGate(), list[float]()
