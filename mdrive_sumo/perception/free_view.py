@@ -1,4 +1,4 @@
-"""What the own sensor must see: boxes through which its view goes cannot be there.
+"""What a sensor must see: boxes through which its view goes cannot be there.
 
 The free view of an `objects` sensor is exact: each of its rays ends at the first vehicle, high obstacle or building,
 whatever the detector makes of it. A ray that passes through the middle of a reported box and goes on refutes the box.
@@ -12,6 +12,7 @@ from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import TAU, Bool, Float
 from mdrive_sumo.core.state import Kind, RoadUsers
+from mdrive_sumo.v2x.messages import ReferencePose
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +53,13 @@ def find_near(boxes: RoadUsers, seen: Objects, parameters: FreeViewParameters = 
 
 
 def find_seen_through(
-    boxes: RoadUsers, own: OwnState, free_m: Float, parameters: FreeViewParameters = FREE_VIEW
+    boxes: RoadUsers, eye: OwnState | ReferencePose, free_m: Float, parameters: FreeViewParameters = FREE_VIEW
 ) -> Bool:
     """Return an (N,) mask of the boxes through whose middle a ray of the free view passes, and goes on.
 
-    own: the own state when the view was taken. free_m: (B,) as `Objects.free_m`.
+    eye: where the view was taken from. free_m: (B,) as `Objects.free_m`.
     """
-    dx, dy = own.x - boxes.x, own.y - boxes.y
+    dx, dy = eye.x - boxes.x, eye.y - boxes.y
     square = dx * dx + dy * dy
     rows = np.flatnonzero(
         (square > parameters.own_radius_m * parameters.own_radius_m)
@@ -67,16 +68,16 @@ def find_seen_through(
     )
     is_refuted = np.zeros(len(boxes), dtype=np.bool_)
     if len(rows) and len(free_m):
-        is_refuted[rows] = _cast_rays(boxes.take(rows), own, free_m, parameters)
+        is_refuted[rows] = _cast_rays(boxes.take(rows), eye, free_m, parameters)
     return is_refuted
 
 
-def _cast_rays(boxes: RoadUsers, own: OwnState, free_m: Float, parameters: FreeViewParameters) -> Bool:
+def _cast_rays(boxes: RoadUsers, eye: OwnState | ReferencePose, free_m: Float, parameters: FreeViewParameters) -> Bool:
     """Return an (N,) mask as `find_seen_through`: the slab method in the frame of each box, for all rays at once."""
     cos, sin = portable.cos_sin(boxes.yaw)
-    dx, dy = own.x - boxes.x, own.y - boxes.y
+    dx, dy = eye.x - boxes.x, eye.y - boxes.y
     begin = np.stack((cos * dx + sin * dy, cos * dy - sin * dx))[:, :, None]
-    ray_cos, ray_sin = portable.cos_sin(own.yaw + TAU / len(free_m) * np.arange(len(free_m)))
+    ray_cos, ray_sin = portable.cos_sin(eye.yaw + TAU / len(free_m) * np.arange(len(free_m)))
     cos, sin = cos[:, None], sin[:, None]
     direction = np.stack((cos * ray_cos + sin * ray_sin, cos * ray_sin - sin * ray_cos))
     direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)

@@ -1,7 +1,8 @@
 """MessageGuard: messages of senders that contradict the own sensor, each other or themselves are not believed.
 
-Three checks lower the trust in a sender: boxes that the own free view refutes for a second (`free_view`,
-`claim_history`), positions that it cannot have reached, and announcements that it does not keep (`announced_motion`).
+Checks lower the trust in a sender: boxes that the own free view, or that of two other senders, refutes for a second
+(`free_view`, `witnesses`, `claim_history`), positions that it cannot have reached, and announcements that it does not
+keep (`announced_motion`).
 While no check fails, every message passes, and an agent behaves as without a guard to the digit.
 """
 
@@ -20,6 +21,7 @@ from mdrive_sumo.perception.claim_history import CLAIMS, ETSI_CLAIMS, Claim, Cla
 from mdrive_sumo.perception.free_view import find_near, find_seen_through
 from mdrive_sumo.perception.object_tracker import KINDS
 from mdrive_sumo.perception.sender_trust import SenderTrust
+from mdrive_sumo.perception.witnesses import Witness, find_refuted_by_others, make_witness
 from mdrive_sumo.v2x.messages import Cam, Cpm, Denm, Mcm
 from mdrive_sumo.v2x.shared_reading import decode_shared, find_shared_problem
 
@@ -104,25 +106,32 @@ class MessageGuard:
             self._own_states.popleft()
         if self._own_states[0][0] != taken_tick or seen.objects is None or not len(seen.objects.free_m):
             return []
-        names, boxes = self._collect_claims(seen.tick, taken_tick)
+        names, boxes, witnesses = self._collect_claims(seen.tick, taken_tick)
         if not names:
             return []
         is_near = find_near(boxes, seen.objects)
         is_refuted = find_seen_through(boxes, self._own_states[0][1], seen.objects.free_m) & ~is_near
+        unseen = np.flatnonzero(~is_near & ~is_refuted)
+        senders = [names[row] for row in unseen.tolist()]
+        is_refuted[unseen] = find_refuted_by_others(boxes.take(unseen), senders, witnesses)
         return self._update_claims(seen.tick, names, boxes, is_refuted.tolist(), is_near.tolist())
 
-    def _collect_claims(self, tick: int, taken_tick: int) -> tuple[list[str], Objects]:
-        """Return the boxes that senders reported since the last check, at the time of the view, and their senders."""
+    def _collect_claims(self, tick: int, taken_tick: int) -> tuple[list[str], Objects, dict[str, Witness]]:
+        """Return the senders of the boxes that were reported since the last check, these at the time of the own view,
+        and the believed senders that also told their view."""
         names: list[str] = []
         parts: list[Objects] = []
+        witnesses: dict[str, Witness] = {}
         for name in sorted(self._senders):
             sender = self._senders[name]
             for content in (sender.cam, sender.cpm):
                 if content is not None and 0 <= tick - content.pose.tick <= OLDEST_TICKS:
                     parts.append(_place_claims(content, taken_tick))
                     names += [name] * len(parts[-1])
+                    if isinstance(content, Cpm) and name not in self._distrusted:
+                        witnesses[name] = make_witness(content, sender.cam, parts[-1], self._latency_ticks)
             sender.cam = sender.cpm = None
-        return names, parts[0].concat(*parts[1:]) if parts else Objects.empty()
+        return names, parts[0].concat(*parts[1:]) if parts else Objects.empty(), witnesses
 
     def _update_claims(
         self, tick: int, names: Sequence[str], boxes: Objects, is_refuted: Sequence[bool], is_near: Sequence[bool]

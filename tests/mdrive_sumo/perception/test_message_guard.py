@@ -19,9 +19,11 @@ from mdrive_sumo.perception.claim_history import Claim, ClaimHistory
 from mdrive_sumo.perception.free_view import find_near, find_seen_through
 from mdrive_sumo.perception.message_guard import MessageGuard
 from mdrive_sumo.perception.sender_trust import SenderTrust
+from mdrive_sumo.perception.witnesses import Witness, find_refuted_by_others, make_witness
 from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, ReferencePose, encode
 
 FREE = np.full(72, 80.0)
+AGES = np.zeros(0, dtype=np.uint8)
 LIAR, HONEST = "aaaaaaaa", "bbbbbbbb"
 
 
@@ -199,3 +201,43 @@ def test_a_sender_whose_own_place_is_seen_to_be_empty_is_not_believed() -> None:
 def test_unreadable_messages_are_left_to_the_tracker() -> None:
     observation = look(0, FREE, None, Message("cpm", b"nonsense", LIAR, 0), Message("hello", b"", LIAR, 0))
     assert MessageGuard(IDEAL).screen(observation) == (observation, frozenset(), ())
+
+
+def make_seeing(x: float, y: float, detected: Objects | None = None, free_m: Float = FREE) -> Witness:
+    return Witness(ReferencePose(x, y, 0.0, 0), free_m, Objects.empty() if detected is None else detected)
+
+
+def test_two_witnesses_refute_and_one_detection_supports() -> None:
+    box, blind = car(20.0, 0.0), np.full(72, 5.0)
+    one, two = make_seeing(0.0, 0.0), make_seeing(20.0, 30.0)  # from behind, and from the side
+    for witnesses, is_refuted in (
+        ({"a": one}, False),
+        ({"a": one, "b": two}, True),
+        ({"a": one, "b": make_seeing(20.0, 30.0, free_m=blind)}, False),
+        ({"a": one, "b": two, "c": make_seeing(50.0, 0.0, car(21.0, 0.5), blind)}, False),
+        ({LIAR: one, "b": two}, False),  # the sender is no witness of its own claim
+    ):
+        assert find_refuted_by_others(box, [LIAR], witnesses).tolist() == [is_refuted]
+
+
+def test_a_witness_that_drives_has_seen_what_it_tells_a_little_before() -> None:
+    cam = Cam(ReferencePose(10.0, 0.0, 0.0, 9), 8.0, 0.0, 0.0, 4.5, 1.9)
+    cpm = replace(cpm_of(9, car(50.0, 0.0)), pose=cam.pose)
+    assert make_witness(cpm, cam, cpm.objects, 2).pose.x == pytest.approx(9.2)  # 2 ticks at 8 m/s
+    assert make_witness(cpm, None, cpm.objects, 2).pose == cpm.pose
+
+
+@pytest.mark.parametrize(("accusers", "fallen"), [(1, frozenset[str]()), (2, frozenset({LIAR}))])
+def test_who_cannot_see_believes_two_witnesses_and_not_one(accusers: int, fallen: frozenset[str]) -> None:
+    guard, found = MessageGuard(IDEAL), frozenset[str]()
+    for tick in range(40):
+        liar = sent(cpm_of(tick, car(25.0, 0.0)), LIAR)
+        others = [
+            sent(
+                Cpm(ReferencePose(25.0, 20.0 + n, 0.0, tick), 80.0, replace(Objects.empty(), free_m=FREE), AGES),
+                f"b{n}",
+            )
+            for n in range(accusers)
+        ]
+        found |= guard.screen(look(tick, np.full(72, 10.0), None, liar, *others))[1]
+    assert found == fallen
