@@ -86,7 +86,7 @@ READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
 NOT_KEPT = {
     **dict.fromkeys(
         (
-            *("ablation/1", "attacks/1", "study/1", "paper/1", "gain/1"),
+            *("ablation/1", "attacks/1", "channel-study/1", "study/1", "paper/1", "gain/1"),
             *("cross-play/1", "penetration/1", "seasons/1", "twins/1"),
         ),
         "written only",
