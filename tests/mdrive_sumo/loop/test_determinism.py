@@ -23,7 +23,7 @@ WORN = ("--comm-loss", "0.3", "--comm-latency", "2", "--pose-error", "0.6,0.6")
 
 def evaluated(out: Path, scenario: str, *more: str, agent: str = "idm") -> dict[str, str]:
     """Digest by scenario id of a run through the real command line."""
-    arguments = ["eval", "--agent", agent, "--scenario", scenario, "--out", str(out), *more]
+    arguments = ["eval", "--suite", "interdrive@0", "--agent", agent, "--scenario", scenario, "--out", str(out), *more]
     subprocess.run([*COMMAND, *arguments], check=True, capture_output=True, timeout=600)
     results = json.loads((out / "results.json").read_text())
     return {row["id"]: row["digest"] for row in results["scenarios"]}
