@@ -43,7 +43,7 @@ HUMAN_AGENTS = AgentTable(_HUMAN)
 ASKING_AGENTS = ("colmdriver",)
 """Agents that ask a language model: their answers come from outside, or from a file of a run."""
 DEFENDED_AGENTS = ("sharing", "sharing+negotiation")
-"""Agents that do not believe every sender; their option `defence` switches that off."""
+"""Agents whose option `defence` keeps them from believing every sender."""
 AGENTS = AgentTable(
     {
         "stationary": "sensorless:StationaryAgent",

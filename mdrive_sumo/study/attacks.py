@@ -18,8 +18,8 @@ from mdrive_sumo.v2x.attacks.attack_settings import NO_ATTACK
 ATTACKS = ("phantom", "hide", "shift", "forge-mcm", "forge-mcm:claim=yield", "replay", "flood")
 """The attacks by default: every kind, by one CAV of each scenario, and both claims of forged MCMs."""
 METRICS = ("ds", "sr")
-UNDEFENDED: Mapping[str, float] = {"defence": 0}
-"""Options of an agent that has a defence, to drive without it."""
+DEFENDED: Mapping[str, float] = {"defence": 1}
+"""Options of an agent that has a defence, to drive with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class AttackedAgent:
     @property
     def folder(self) -> str:
         """Name of the folder of its runs."""
-        return name_agent_folder(self.run.config.agent) + ("-undefended" if self.has_defence is False else "")
+        return name_agent_folder(self.run.config.agent) + ("-defended" if self.has_defence else "")
 
 
 @dataclass(frozen=True, slots=True)
