@@ -30,7 +30,8 @@ from mdrive_sumo.study.need_certificate import NeedCertificateFile
 
 CERTIFIED_LEGEND = (
     "drives of CAVs of which a certificate of need proves something (docs/hard-certificates.md), by how they end:\n"
-    "certified conflict: the first costly infraction is a collision in a conflict that the certificate names;\n"
+    "certified conflict: the first costly infraction is a collision in a conflict that the certificate names, with\n"
+    "the road user that it names or with another one of the same stream;\n"
     "late: no costly infraction, but it does not arrive; elsewhere: another infraction is the first"
 )
 
@@ -95,7 +96,7 @@ def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | N
     echo(format_summary(results, shares))
     if failures := format_agent_failures(results, folder):
         echo("\n" + failures)
-    certified = build_failure_table(results.scenarios, NeedCertificateFile.load(run.suite))
+    certified = build_failure_table(results.scenarios, NeedCertificateFile.load(run.suite), run.suite.scenarios)
     if certified is not None:
         echo(f"\n{format_text(certified)}\n\n{CERTIFIED_LEGEND}")
     if out is not None:

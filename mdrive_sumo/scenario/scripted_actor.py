@@ -179,6 +179,14 @@ class Actor(ScenarioPart):
         return self
 
     @property
+    def stream(self) -> str:
+        """Name of the stream of a road user that comes one behind the other with others of its model and brakes for
+        nothing: its model and its id without the number at the end; "" for every other actor."""
+        if self.avoid_collision or not isinstance(self.motion, ReplayMotion):
+            return ""
+        return f"{self.model} {self.id.rstrip('0123456789')}"
+
+    @property
     def referenced_cav_ids(self) -> tuple[str, ...]:
         """Ids of the CAVs that the trigger and the action refer to."""
         named = (

@@ -16,7 +16,10 @@ from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, Scena
 from mdrive_sumo.generate.hard.junction_parameters import SITE, name_number
 from mdrive_sumo.generate.hard.junction_users import CavColumn, build_columns
 from mdrive_sumo.generate.hard.riders import (
+    DELIVERING,
     PARKED,
+    PEDELEC_MPS,
+    SCOOTER_MPS,
     RiderCrossing,
     RiderKind,
     build_hidden_riders,
@@ -31,7 +34,7 @@ from mdrive_sumo.worlds.placement.lane_chains import build_route_line
 
 ARMS = 4
 """Streets of a crossing: CAVs come from each."""
-SHIFTS = 8
+SHIFTS = 16
 """Parts of the time between two riders by which the streams are shifted: at corners they pass through each other."""
 DIGITS = 6
 """Of the times [s] by which shifts are compared: of equally good ones every machine takes the first."""
@@ -66,7 +69,6 @@ def _list_streets(roads: RoadMap, crossing: FourSites) -> Iterator[FourSites]:
 
 def stage_four_streets(kind: RiderKind, values: Values, seed: str, roads: RoadMap) -> FamilyScene:
     """Return CAVs that drive straight on from all streets of a crossing, each across a stream of riders before it."""
-    del seed
     crossings_of_place = find_four_sites(roads)
     if not crossings_of_place:
         raise refuse_place(roads, "a crossing of four streets of one lane")
@@ -77,7 +79,7 @@ def stage_four_streets(kind: RiderKind, values: Values, seed: str, roads: RoadMa
     actors = [
         actor
         for k, (crossing, later_s) in enumerate(zip(crossings, shifts, strict=True))
-        for actor in build_hidden_riders(roads, kind, crossing, values, (k, lines), later_s)
+        for actor in build_hidden_riders(roads, kind, crossing, values, (seed, k, lines), later_s)
     ]
     masts = tuple(build_rider_mast(roads, crossing, k) for k, crossing in enumerate(crossings))
     columns = [
@@ -116,7 +118,7 @@ def _find_due_s(roads: RoadMap, crossing: RiderCrossing, point: shapely.Point, s
 
 
 def _choose(**parameters: str | int | float | bool) -> PlaceChoice:
-    fixed = {"arms": ARMS, "keeps_sight": False, "main_lanes": 1, "skew_deg": 0.0, "bend": 0.0}
+    fixed = {"arms": ARMS, "keeps_sight": False, "zebras": False, "main_lanes": 1, "skew_deg": 0.0, "bend": 0.0}
     return PlaceChoice("crossing", {**fixed, **parameters})
 
 
@@ -138,8 +140,8 @@ def _name_parameters(riding: tuple[float, float], every_s: tuple[float, float]) 
     )
 
 
-_PEDELECS = _name_parameters((8.3, 9.5), (0.9, 1.2))
-_SCOOTERS = _name_parameters((5.6, 7.0), (1.0, 1.3))
+_PEDELECS = _name_parameters(PEDELEC_MPS, (1.1, 1.4))
+_SCOOTERS = _name_parameters((4.8, SCOOTER_MPS[1]), (1.1, 1.4))
 FAMILIES = (
     ScenarioFamily(
         "four-streets",
@@ -153,7 +155,7 @@ FAMILIES = (
             _choose(area="town", control="right_before_left", speed_kmh=50, beside="cycle_lanes"),
         ),
         _PEDELECS,
-        partial(stage_four_streets, RiderKind("bicycle", PARKED, CONTROLS)),
+        partial(stage_four_streets, RiderKind("bicycle", DELIVERING, PARKED, CONTROLS)),
     ),
     ScenarioFamily(
         "main-and-side-streets",
@@ -164,7 +166,7 @@ FAMILIES = (
             for area, control in (("town", "priority"), ("town", "stop"), ("suburb", "priority"), ("suburb", "stop"))
         ),
         _PEDELECS,
-        partial(stage_four_streets, RiderKind("bicycle", PARKED, CONTROLS)),
+        partial(stage_four_streets, RiderKind("bicycle", DELIVERING, PARKED, CONTROLS)),
     ),
     ScenarioFamily(
         "quiet-crossing",
@@ -178,6 +180,6 @@ FAMILIES = (
             _choose(area="suburb", control="right_before_left", speed_kmh=30, beside="parking"),
         ),
         _SCOOTERS,
-        partial(stage_four_streets, RiderKind("e-scooter", PARKED, CONTROLS)),
+        partial(stage_four_streets, RiderKind("e-scooter", DELIVERING, PARKED, CONTROLS)),
     ),
 )

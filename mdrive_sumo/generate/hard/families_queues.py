@@ -17,6 +17,7 @@ from mdrive_sumo.generate.hard.junction_users import (
     CavColumn,
     build_columns,
 )
+from mdrive_sumo.generate.hard.riders import PEDELEC_MPS
 from mdrive_sumo.generate.hard.sites.crossroads import Crossroads, are_opposite, find_crossroads
 from mdrive_sumo.generate.hard.sites.junction_conflicts import (
     JunctionConflict,
@@ -24,11 +25,13 @@ from mdrive_sumo.generate.hard.sites.junction_conflicts import (
     find_junction_conflicts,
     refuse_place,
 )
+from mdrive_sumo.generate.hard.sites.no_stopping import build_zebras
+from mdrive_sumo.generate.hard.standing_rows import place_beside
 from mdrive_sumo.generate.hard.streams import RoadUserStream, build_stream
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.scenario.start_boxes import CAR, build_box
+from mdrive_sumo.scenario.start_boxes import CAR
 from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_actor, build_mast
 from mdrive_sumo.worlds.placement.lane_chains import Lanes, build_route_line, compute_chain_length, compute_pose
 
@@ -97,7 +100,7 @@ def build_queue(
     name: str = "queue",
     also: Lanes = (),
 ) -> tuple[Actor, ...]:
-    """Return the vehicles that stand before and behind a gap until the end.
+    """Return the vehicles that stand before and behind a gap until the end, none on a zebra.
 
     models: of those before it and behind it, from the gap on. free_m: from the line of a CAV to the nearest ones.
     flank_m: from the middle of the lane to the flanks past which a stream goes; negative: to the right.
@@ -105,21 +108,22 @@ def build_queue(
     """
     line, whole = _select_line(roads, gap), shapely.LineString(build_route_line(roads, gap.own).xy)
     line = line.union(shapely.LineString(build_route_line(roads, also).xy)) if also else line
-    end_m = compute_chain_length(roads, gap.lanes) - RIM_M
+    end_m, zebras = compute_chain_length(roads, gap.lanes) - RIM_M, build_zebras(roads)
+    shapely.prepare(zebras)
     actors: list[Actor] = []
     for step, chosen in zip((-1.0, 1.0), models, strict=True):
         at_m = gap.locate(0.0)[1]
         for number, model in enumerate(chosen):
-            offset = flank_m - math.copysign(BODY_SIZES[model][1] / 2, flank_m)
-            pose = compute_pose(roads, gap.lanes, at_m + step * BODY_SIZES[model][0] / 2, offset)
-            while not number and shapely.distance(build_box(pose, *BODY_SIZES[model]), line) < free_m:
+            half_m = BODY_SIZES[model][0] / 2
+            pose, box = place_beside(roads, gap.lanes, at_m + step * half_m, (flank_m, -flank_m), model)
+            while RIM_M < at_m < end_m and (box.intersects(zebras) or (not number and box.distance(line) < free_m)):
                 at_m += step * NUDGE_M
-                pose = compute_pose(roads, gap.lanes, at_m + step * BODY_SIZES[model][0] / 2, offset)
-            at_m += step * BODY_SIZES[model][0] / 2
-            if not RIM_M < at_m < end_m or shapely.distance(build_box(pose, *BODY_SIZES[model]), whole) < CLEAR_M:
+                pose, box = place_beside(roads, gap.lanes, at_m + step * half_m, (flank_m, -flank_m), model)
+            at_m += step * half_m
+            if not RIM_M < at_m < end_m or shapely.distance(box, whole) < CLEAR_M:
                 break
             actors.append(build_actor(f"{name}{len(actors)}", BODIES[model], pose))
-            at_m += step * (BODY_SIZES[model][0] / 2 + QUEUE_GAP_M)
+            at_m += step * (half_m + QUEUE_GAP_M)
     return tuple(actors)
 
 
@@ -265,8 +269,8 @@ DUE = FamilyParameter("due_s", 3.5, 5.0, "s", "time after which the first CAV is
 _CYCLISTS = (
     FamilyParameter("before_s", 0.2, 0.8, "s", _BEFORE.meaning),
     _MAST,
-    FamilyParameter("speed", 8.0, 11.5, "m/s", "speed of the cyclists, on pedelecs of up to 45 km/h"),
-    FamilyParameter("every_s", 0.6, 1.0, "s", "time between two cyclists"),
+    FamilyParameter("speed", *PEDELEC_MPS, "m/s", "speed of the cyclists"),
+    FamilyParameter("every_s", 1.0, 1.4, "s", "time between two cyclists"),
 )
 _STRAIGHT_PLACES = (
     *OLD_TOWNS[:2],  # the streets of corridors end at the main one
@@ -350,7 +354,7 @@ FAMILIES = (
             FamilyParameter(
                 "masts", 1.6, 4.4, "", "number of roadside units above the stream, from the gap on, rounded"
             ),
-            FamilyParameter("speed", 11.0, 14.0, "m/s", "speed of the mopeds"),
+            FamilyParameter("speed", 10.0, 12.5, "m/s", "speed of the mopeds"),
             FamilyParameter("every_s", 0.6, 0.8, "s", "time between two mopeds"),
         ),
         stage_two_queues,

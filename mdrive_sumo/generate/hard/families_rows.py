@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from functools import lru_cache
 from itertools import chain
 
+from shapely.geometry.base import BaseGeometry
+
 from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard.family import FamilyParameter, FamilyScene, ScenarioFamily, Values
 from mdrive_sumo.generate.hard.junction_parameters import SITE, name_number
@@ -16,6 +18,7 @@ from mdrive_sumo.generate.hard.sites.junction_conflicts import (
     find_junction_conflicts,
     refuse_place,
 )
+from mdrive_sumo.generate.hard.sites.no_stopping import build_crossing_street, build_zebras
 from mdrive_sumo.generate.hard.standing_rows import build_row
 from mdrive_sumo.generate.hard.streams import RoadUserStream, build_stream
 from mdrive_sumo.roads import RoadMap
@@ -86,7 +89,7 @@ def stage_left_turn(values: Values, seed: str, roads: RoadMap) -> FamilyScene:
         raise refuse_place(roads, "a left turn across two lanes from ahead")
     one = choose_site(sites, values["site"])
     egos = build_columns(roads, [_build_column(one, values, "own", 0.0)])
-    actors = build_hidden_stream(roads, one, 1.0, values, (seed, ""))
+    actors = build_hidden_stream(roads, one, 1.0, values, (seed, ""), build_zebras(roads))
     masts = build_stream_masts(roads, one, -values["mast_m"])
     return FamilyScene(egos, (), actors, masts, one.own.control == "traffic-light")
 
@@ -101,8 +104,8 @@ def stage_facing_streets(values: Values, seed: str, roads: RoadMap) -> FamilySce
     columns = [_build_column(one, values, "own", 0.0), _build_column(back, values, "back", values["back_s"])]
     egos = build_columns(roads, columns)
     actors = (
-        *build_hidden_stream(roads, one, -1.0, values, (seed, "")),
-        *build_hidden_stream(roads, back, -1.0, values, (seed, "-back")),
+        *build_hidden_stream(roads, one, -1.0, values, (seed, ""), list_closed(roads, one)),
+        *build_hidden_stream(roads, back, -1.0, values, (seed, "-back"), list_closed(roads, back)),
     )
     watched = (one, back)[: round(values["masts"])]
     masts = [build_stream_masts(roads, site, values["mast_m"], f"rsu{k}") for k, site in enumerate(watched)]
@@ -114,15 +117,25 @@ def _build_column(one: JunctionConflict, values: Values, count: str, later_s: fl
     return CavColumn(one.own.lanes, one.own_m, round(values[count]), due_s, values["headway_s"])
 
 
+def list_closed(roads: RoadMap, one: JunctionConflict) -> BaseGeometry:
+    """Return where nobody parks along the other way of a conflict: in front of the own street, and on zebras."""
+    return build_zebras(roads).union(build_crossing_street(roads, one.other))
+
+
 def build_hidden_stream(
-    roads: RoadMap, one: JunctionConflict, left: float, values: Values, names: tuple[str, str]
+    roads: RoadMap,
+    one: JunctionConflict,
+    left: float,
+    values: Values,
+    names: tuple[str, str],
+    closed: BaseGeometry,
 ) -> tuple[Actor, ...]:
-    """Return a row and a stream beside it. names: the seed, and the end of their ids."""
+    """Return a row and a stream beside it. names: the seed, and the end of their ids; closed: where no row stands."""
     seed, ending = names
     model = "truck" if values["buses"] < 0.5 else "bus"
     flank_m = left * (BODY_SIZES[model][1] / 2 + values["gap_m"])
     standing = random.Random(f"{seed}/row{ending}").choices(HIGH, k=round(values["standing"]))
-    row = build_row(roads, one, flank_m, values["side_m"], (standing, ROW_GAP_M))
+    row = build_row(roads, one, flank_m, values["side_m"], (standing, ROW_GAP_M), closed)
     stream = RoadUserStream(
         one.other.lanes,
         one.other_m,
@@ -173,7 +186,7 @@ _PARAMETERS = (
     FamilyParameter("due_s", 5.5, 7.0, "s", "time after which the first CAV is due at the conflict"),
     FamilyParameter("headway_s", 1.0, 1.8, "s", "time headway of the CAVs"),
     FamilyParameter("gap_m", 0.3, 0.5, "m", "from the flanks of the lorries that stand to the stream"),
-    FamilyParameter("side_m", 1.3, 2.2, "m", "from the first lorry to the middle of the CAVs' way"),
+    FamilyParameter("side_m", 1.75, 2.4, "m", "from the first lorry to the middle of the CAVs' way"),
     FamilyParameter("standing", 4.0, 7.4, "", "number of lorries and buses that stand, rounded"),
     FamilyParameter("before_s", 2.5, 4.5, "s", "from the first vehicle of the stream to the first CAV"),
     FamilyParameter("every_s", 1.3, 1.8, "s", "time between the two vehicles of a pair"),

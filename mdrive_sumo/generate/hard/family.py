@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.drawn_places import PlaceChoice
+from mdrive_sumo.generate.hard.stream_contacts import find_stream_contacts
 from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected, reject_at
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
@@ -126,11 +127,12 @@ def draw_weather(seed: str) -> WeatherName:
 
 
 def _find_contacts(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
-    """Return what stands inside a building, and road users inside each other."""
+    """Yield what stands inside a building, road users inside each other, and what a stream touches on its way."""
     for actor in scenario.actors:
         if isinstance(actor.motion, StandingMotion) and overlaps_building(build_user_box(actor), roads):
             yield f"{actor.id} stands inside a building"
     yield from find_spawn_overlaps(scenario, roads)
+    yield from find_stream_contacts(scenario, roads)
 
 
 def check_candidate(family: ScenarioFamily, candidate: FamilyCandidate) -> None:

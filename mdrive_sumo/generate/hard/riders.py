@@ -4,12 +4,14 @@ The riders keep their course and their speed, and follow so closely one behind t
 gets through between two of them. Who knows of them waits for the pause behind a group.
 """
 
-from collections.abc import Iterator, Sequence
+import random
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.contract.briefing import JunctionKind
 from mdrive_sumo.generate.drawn_places import PlaceChoice
@@ -18,6 +20,7 @@ from mdrive_sumo.generate.hard.junction_parameters import SITE
 from mdrive_sumo.generate.hard.junction_users import CavColumn, build_columns
 from mdrive_sumo.generate.hard.sites.junction_conflicts import choose_site, refuse_place
 from mdrive_sumo.generate.hard.sites.junction_ways import JunctionWay
+from mdrive_sumo.generate.hard.sites.no_stopping import build_crossing_street, build_zebras
 from mdrive_sumo.generate.hard.sites.rider_sites import (
     RiderSite,
     RiderStrip,
@@ -28,7 +31,7 @@ from mdrive_sumo.generate.hard.streams import RoadUserStream, build_stream
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import RoadsideUnit
 from mdrive_sumo.scenario.scripted_actor import Actor
-from mdrive_sumo.scenario.start_boxes import build_user_box
+from mdrive_sumo.scenario.start_boxes import CAR, build_user_box
 from mdrive_sumo.worlds.placement.bodies import BODIES, BODY_SIZES, build_mast, build_parked_vehicle
 from mdrive_sumo.worlds.placement.cavs import NoRoomError
 from mdrive_sumo.worlds.placement.lane_chains import (
@@ -44,7 +47,10 @@ FRONT_STEP_M = 0.05
 ROW_GAP_M = 0.4
 """[m] Between vehicles of a row: parked bumper to bumper, so that there is no sight between them."""
 BEND_M = 0.15
-"""[m] What stands beside a way that bends may be so much nearer to it."""
+"""[m] What stands beside riders whose way bends may be so much nearer to it."""
+CAV_CLEAR_M = 0.8
+"""[m] From a row to the side of a CAV on its way: at 0.5 to 0.6 m the built-in planners stop behind the row, as in 11
+of 26 drives of `sharing+negotiation` that were late without a contact in the first season drawn."""
 SHIFTS_M = (0.0, 0.1, 0.2, 0.3, 0.4)
 """[m] Long vehicles beside a bend stand so much farther aside: an arc of 100 m rises by 0.3 m over 16 m."""
 MOST_GAP_M = 1.5
@@ -55,13 +61,25 @@ BEYOND_M = 5.0
 """[m] Beyond the riders' line, from where the front of a row is sought."""
 PATH_M = 65.0, 20.0
 """[m] Length of a way before and behind the riders' line of which a row keeps its distance."""
-STREAM_M = 100.0
-"""[m] Before the crossing to where riders appear: a rider of 8 m/s is there 12 s before."""
+STREAM_M, BEYOND_STREAM_M = 100.0, 60.0
+"""[m] Before the crossing to where riders appear, and beyond it to where they leave, at most, ..."""
+LEAST_STREAM_M, LEAST_BEYOND_M = 50.0, 25.0
+"""[m] ... and at least, where houses, trees or hedges stand in their way: a row that hides them is 45 m long."""
+PEDELEC_MPS = (6.9, 8.3)
+"""[m/s] Groups on a free track: from 25 km/h, up to which the motors of pedelecs help (StVG section 1 (3)), to 30 km/h;
+S-pedelecs may go 45 km/h. They are 1 to 1.5 s apart, as those who start one after the other at a green light."""
+SCOOTER_MPS = (4.5, 5.6)
+"""[m/s] E-scooters go up to 20 km/h (eKFV section 1 (1))."""
 GROUPS = 3
 """Later ones meet CAVs that have missed two pauses, which the time limits do not allow."""
-PARKED = ("semitrailer", "truck", "van", "car", "van")
-"""What parks in a row, from the riders' line back: 45 m, past which there is no sight from where CAVs start."""
-BUSES = ("articulated-bus", "articulated-bus", "bus")
+ROW_M = 45.0
+"""[m] Length of a row, past which there is no sight from where CAVs start."""
+DELIVERING = {"truck": 6.0, "van": 2.0, "bus": 1.0, "semitrailer": 1.0}
+"""Models of the first vehicle of a row by weight: one that delivers at the corner, in front of which riders are hidden.
+An assumption: lorries of 12 t bring goods into towns, coaches and semitrailers seldom stop there."""
+PARKED = {"van": 4.0, "car": 3.0, "truck": 3.0}
+"""Models of those behind it by weight: an assumption, too."""
+BUSES = {"articulated-bus": 1.0, "bus": 1.0}
 """What stands in the lane beside it instead."""
 MAST_M = 2.5
 """[m] A roadside unit stands so far to the left of the lane where it crosses the riders' line."""
@@ -73,8 +91,10 @@ class RiderKind:
 
     rider: str
     """Model of `BODIES`."""
-    row: tuple[str, ...]
-    """Models of what stands beside the CAVs' way, from the riders' line back."""
+    first: Mapping[str, float]
+    """Models of what stands beside the CAVs' way at the riders' line, by weight."""
+    row: Mapping[str, float]
+    """Models of those behind it, by weight."""
     controls: tuple[JunctionKind, ...]
     """Of the CAVs' approach."""
     beside_lane: bool = False
@@ -95,7 +115,6 @@ class RiderCrossing:
 
 def stage_riders(kind: RiderKind, values: Values, seed: str, roads: RoadMap) -> FamilyScene:
     """Return CAVs that cross streams of riders behind what stands at the kerb. Raises ProposalRejected, NoRoomError."""
-    del seed
     sites = find_crossing_sites(roads, kind.controls, kind.beside_lane)
     if not sites:
         raise refuse_place(roads, "an approach to a street with traffic both ways")
@@ -105,7 +124,7 @@ def stage_riders(kind: RiderKind, values: Values, seed: str, roads: RoadMap) -> 
     actors = [
         actor
         for k, crossing in enumerate(crossings)
-        for actor in build_hidden_riders(roads, kind, crossing, values, (k, crossing.strip.line))
+        for actor in build_hidden_riders(roads, kind, crossing, values, (seed, k, crossing.strip.line))
     ]
     masts = tuple(
         build_rider_mast(roads, one, k) for k, one in enumerate(crossings) if values[("mast", "mast_back")[k]] >= 0.5
@@ -143,22 +162,43 @@ def build_hidden_riders(
     kind: RiderKind,
     crossing: RiderCrossing,
     values: Values,
-    place: tuple[int, shapely.LineString | shapely.MultiLineString],
+    place: tuple[str, int, shapely.LineString | shapely.MultiLineString],
     later_s: float = 0.0,
 ) -> tuple[Actor, ...]:
     """Return the riders that a way crosses, `later_s` later than the values say, and the row that hides them.
 
-    place: number of the way, and the lines of all riders, which stay free. Raises NoRoomError.
+    place: the seed, which draws the row, number of the way, and the lines of all riders, which stay free. Raises
+    NoRoomError.
     """
-    number, lines = place
-    stream = _describe_stream(kind, crossing, values, later_s)
-    row = tuple(_build_row(roads, kind, crossing, values, (f"parked{number}_", lines)))
+    seed, number, lines = place
+    stream = _describe_stream(roads, kind, crossing, values, later_s)
+    models = draw_row(kind, random.Random(f"{seed}/row{number}"))
+    row = tuple(_build_row(roads, kind, crossing, values, (f"parked{number}_", models, lines)))
     if not row or build_user_box(row[0]).distance(crossing.strip.line) > MOST_GAP_M:
         raise NoRoomError(f"network {roads.name}: expected room for a row up to the riders' line, found none")
     return (*build_stream(roads, f"rider{number}_", stream), *row)
 
 
-def _describe_stream(kind: RiderKind, crossing: RiderCrossing, values: Values, later_s: float) -> RoadUserStream:
+def draw_row(kind: RiderKind, rng: random.Random) -> tuple[str, ...]:
+    """Return the models of a row, from the riders' line back, until it is `ROW_M` long."""
+    models = rng.choices(tuple(kind.first), tuple(kind.first.values()))
+    while sum(BODY_SIZES[one][0] + ROW_GAP_M for one in models) < ROW_M:
+        models += rng.choices(tuple(kind.row), tuple(kind.row.values()))
+    return tuple(models)
+
+
+def _describe_stream(
+    roads: RoadMap, kind: RiderKind, crossing: RiderCrossing, values: Values, later_s: float
+) -> RoadUserStream:
+    """Raises NoRoomError where the riders' way is not free."""
+    begin_m, end_m = crossing.strip.find_free(
+        (crossing.at_m - STREAM_M, crossing.at_m, crossing.at_m + BEYOND_STREAM_M), BODIES[kind.rider].width / 2
+    )
+    if crossing.at_m - begin_m < LEAST_STREAM_M or end_m - crossing.at_m < LEAST_BEYOND_M:
+        raise NoRoomError(
+            f"network {roads.name}: expected a free way of riders of {LEAST_STREAM_M:g} m before the crossing and"
+            f" {LEAST_BEYOND_M:g} m beyond it, found {crossing.at_m - begin_m:.0f} m and {end_m - crossing.at_m:.0f} m"
+        )
     return RoadUserStream(
         crossing.strip.lanes,
         crossing.at_m,
@@ -170,7 +210,8 @@ def _describe_stream(kind: RiderKind, crossing: RiderCrossing, values: Values, l
         round(values["lasts_s"] / values["every_s"]) + 1,
         values["pause_s"],
         GROUPS,
-        max(crossing.at_m - STREAM_M, 0.0),
+        begin_m,
+        end_m - crossing.at_m,
     )
 
 
@@ -184,13 +225,16 @@ class _Room:
     rider_m: float
     path: shapely.LineString
     """Of the CAVs."""
-    side_m: float
+    closed: BaseGeometry
+    """Carriageway of the street that crosses, and zebras."""
 
     def is_free(self, box: shapely.Polygon, slack_m: float) -> bool:
-        """Return whether a box stands in no building, and clear of riders, up to `slack_m` [m], and CAVs."""
+        """Return whether a box stands in no building, not where it would block others, and clear of riders, up to
+        `slack_m` [m], and CAVs."""
         return (
             box.distance(self.lines) >= self.rider_m - slack_m
-            and box.distance(self.path) >= self.side_m - BEND_M
+            and box.distance(self.path) >= CAR.width / 2 + CAV_CLEAR_M
+            and not box.intersects(self.closed)
             and not overlaps_building(box, self.roads)
         )
 
@@ -200,15 +244,16 @@ def _build_row(
     kind: RiderKind,
     crossing: RiderCrossing,
     values: Values,
-    what: tuple[str, shapely.LineString | shapely.MultiLineString],
+    what: tuple[str, Sequence[str], shapely.LineString | shapely.MultiLineString],
 ) -> Iterator[Actor]:
-    """Yield what stands beside a way, up to the riders' line; what: begin of the ids, lines to keep free."""
-    name, lines = what
+    """Yield what stands beside a way, up to the riders' line; what: begin of the ids, models, lines to keep free."""
+    name, models, lines = what
     rider_m, side_m = BODIES[kind.rider].width / 2 + values["free_m"], values["side_m"]
-    room = _Room(roads, lines, rider_m, _build_path(roads, crossing), side_m)
+    closed = build_zebras(roads).union(build_crossing_street(roads, crossing.way))
+    room = _Room(roads, lines, rider_m, _build_path(roads, crossing), closed)
     front_m, begin_m = crossing.own_m + BEYOND_M, _find_begin(roads, crossing.way)
     last = shapely.Polygon()
-    for k, model in enumerate(kind.row):
+    for k, model in enumerate(models):
         length = BODY_SIZES[model][0]
         found: Actor | None = None
         while found is None and front_m - length > begin_m:
@@ -250,9 +295,9 @@ def _find_begin(roads: RoadMap, way: JunctionWay) -> float:
 
 
 def _choose(**parameters: str | int | float | bool) -> PlaceChoice:
-    return PlaceChoice(
-        "crossing", {"arms": 4, "speed_kmh": 50, "keeps_sight": False, "skew_deg": 0.0, "bend": 0.0, **parameters}
-    )
+    """Return a choice of crossings; none with zebras, which lie where a row would have to stand."""
+    fixed = {"arms": 4, "speed_kmh": 50, "keeps_sight": False, "zebras": False, "skew_deg": 0.0, "bend": 0.0}
+    return PlaceChoice("crossing", {**fixed, **parameters})
 
 
 _CYCLE_PLACES = (
@@ -264,7 +309,7 @@ _CYCLE_PLACES = (
 _MAIN_PLACES = (
     _choose(area="old_town", control="priority", beside="parking"),
     _choose(area="town", control="priority", beside="cycle_lanes"),
-    _choose(area="suburb", control="priority", beside="cycle_lanes", zebras=True),
+    _choose(area="suburb", control="priority", beside="cycle_lanes"),
     PlaceChoice("town_block", {"area": "old_town", "control": "main_street", "columns": 3, "keeps_sight": False}),
 )
 _TWO_LANES = (
@@ -297,14 +342,14 @@ def _name_parameters(**bounds: tuple[float, float]) -> tuple[FamilyParameter, ..
         FamilyParameter("due_s", 3.0, 4.5, "s", "time after which the first CAV is due at the riders' line"),
         FamilyParameter("back_s", -0.5, 1.5, "s", "how much later the first one on the second way is due"),
         name("headway_s", 1.1, 1.9, "s", "time headway in a column of CAVs"),
-        name("riding", 8.3, 9.5, "m/s", "speed of the riders"),
+        name("riding", *PEDELEC_MPS, "m/s", "speed of the riders"),
         name("before_s", 1.2, 2.2, "s", "how much earlier than the first CAV the first rider is due"),
-        name("every_s", 0.9, 1.4, "s", "time between two riders"),
+        name("every_s", 1.0, 1.5, "s", "time between two riders"),
         name("lasts_s", 8.0, 11.0, "s", "how long a group of riders takes to pass"),
         name("pause_s", 7.0, 9.0, "s", "pause between two groups"),
         name("wall_m", 1.0, 1.8, "m", "distance of the riders from the edge of the street's lanes"),
         name("free_m", 0.3, 0.4, "m", "distance of what stands at the kerb from the riders"),
-        name("side_m", 1.45, 1.65, "m", "its distance from the middle of the CAVs' way"),
+        name("side_m", 1.75, 1.95, "m", "its distance from the middle of the CAVs' way"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit sees the riders (from 0.5 on)"),
         FamilyParameter("mast_back", 0.0, 1.0, "", "whether one sees those before the second way (from 0.5 on)"),
     )
@@ -320,6 +365,7 @@ FAMILIES = (
             stage_riders,
             RiderKind(
                 "bicycle",
+                DELIVERING,
                 PARKED,
                 _MINOR,
             ),
@@ -334,6 +380,7 @@ FAMILIES = (
             stage_riders,
             RiderKind(
                 "bicycle",
+                DELIVERING,
                 PARKED,
                 ("priority-road",),
             ),
@@ -349,6 +396,7 @@ FAMILIES = (
             RiderKind(
                 "bicycle",
                 BUSES,
+                BUSES,
                 ("priority-road",),
                 beside_lane=True,
             ),
@@ -361,17 +409,17 @@ FAMILIES = (
         _name_parameters(),
         partial(
             stage_riders,
-            RiderKind("bicycle", PARKED, _MINOR),
+            RiderKind("bicycle", DELIVERING, PARKED, _MINOR),
         ),
     ),
     ScenarioFamily(
         "pavement-rider",
         "CAVs of quiet streets cross a pavement on which groups of e-scooters come behind parked vans.",
         _QUIET,
-        _name_parameters(riding=(5.6, 7.0), wall_m=(0.8, 1.6), every_s=(1.0, 1.5)),
+        _name_parameters(riding=SCOOTER_MPS, wall_m=(0.8, 1.6)),
         partial(
             stage_riders,
-            RiderKind("e-scooter", PARKED, _MINOR),
+            RiderKind("e-scooter", DELIVERING, PARKED, _MINOR),
         ),
     ),
 )

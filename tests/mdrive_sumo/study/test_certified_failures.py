@@ -4,9 +4,12 @@ import pytest
 
 from mdrive_sumo.core.state import End
 from mdrive_sumo.core.tables import format_text
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion, StandingMotion
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.study.certified_failures import DriveEnd, build_failure_table, judge_drive
 from mdrive_sumo.study.need_certificate import NeedCertificate, NeedConflict, Proof
+from mdrive_sumo.worlds.placement.bodies import BODIES, build_actor
 
 CONFLICT = NeedConflict(
     ego="a",
@@ -30,6 +33,11 @@ def late(tick: int) -> Infraction:
     return Infraction(kind="timed-out", tick=tick, x=60.0, y=0.0, factor=0.7, other="")
 
 
+def make_rider(name: str) -> Actor:
+    motion = ReplayMotion(poses=((0.0, 0.0, 0.0, 0.0), (1.0, 6.0, 0.0, 0.0)))
+    return build_actor(name, BODIES["bicycle"], Pose(x=0.0, y=0.0, yaw=0.0), motion=motion, avoid_collision=False)
+
+
 def end_drive(*infractions: Infraction, outcome: End = End.ARRIVED, name: str = "a") -> EgoResult:
     return EgoResult(id=name, outcome=outcome, reason="", ds=60.0, rc=100.0, ip=0.6, infractions=infractions)
 
@@ -48,17 +56,42 @@ def end_drive(*infractions: Infraction, outcome: End = End.ARRIVED, name: str = 
         (end_drive(hit("b", 90, x=100.0)), DriveEnd.ELSEWHERE),  # the same road user at another place
         (end_drive(hit("b", 90), outcome=End.TIMED_OUT), DriveEnd.CERTIFIED),
         (end_drive(hit("b", 90), name="other"), None),  # nothing is proven of it
+        (end_drive(hit("rider0_7", 90)), DriveEnd.ELSEWHERE),  # of a stream without the certified road user
     ],
 )
 def test_the_first_costly_infraction_counts(result: EgoResult, end: DriveEnd | None) -> None:
-    assert judge_drive(result, CERTIFICATE) is end
+    assert judge_drive(result, CERTIFICATE, {"rider0_7": "bicycle rider0_"}) is end
+
+
+@pytest.mark.parametrize(
+    ("other", "x", "end"),
+    [
+        ("rider0_3", 60.0, DriveEnd.CERTIFIED),
+        ("rider0_12", 60.0, DriveEnd.CERTIFIED),
+        ("rider0_12", 100.0, DriveEnd.ELSEWHERE),
+        ("rider1_3", 60.0, DriveEnd.ELSEWHERE),
+        ("parked0_3", 60.0, DriveEnd.ELSEWHERE),
+    ],
+)
+def test_every_rider_of_the_certified_stream_counts_at_its_conflict(other: str, x: float, end: DriveEnd) -> None:
+    certificate = CERTIFICATE.model_copy(update={"conflicts": (CONFLICT.model_copy(update={"road_user": "rider0_3"}),)})
+    actors = [make_rider(name) for name in ("rider0_3", "rider0_12", "rider1_3")]
+    streams = {one.id: one.stream for one in actors}
+    assert judge_drive(end_drive(hit(other, 90, x)), certificate, streams) is end
+
+
+def test_only_who_brakes_for_nothing_on_a_replayed_course_is_in_a_stream() -> None:
+    rider = make_rider("rider0_3")
+    assert rider.stream == "bicycle rider0_"
+    assert rider.model_copy(update={"avoid_collision": True}).stream == ""
+    assert rider.model_copy(update={"motion": StandingMotion()}).stream == ""
 
 
 def test_the_table_counts_drives_by_what_is_proven() -> None:
     egos = (end_drive(hit("b", 90)), end_drive(name="other"))
     result = ScenarioResult.model_construct(id="corner", egos=egos)
-    table = build_failure_table((result, result), {"corner": CERTIFICATE})
+    table = build_failure_table((result, result), {"corner": CERTIFICATE}, ())
     assert table is not None
     assert format_text(table).splitlines()[-1].split() == ["all", "2", "2", "0", "0", "0"]
     nothing = NeedCertificate(scenario="corner", conflicts=())
-    assert build_failure_table((result,), {"corner": nothing}) is build_failure_table((result,), {}) is None
+    assert build_failure_table((result,), {"corner": nothing}, ()) is build_failure_table((result,), {}, ()) is None

@@ -19,6 +19,12 @@ REACH_M = 15.0
 """[m] ... from so far before the junction to so far behind it: a lane, a parking lane, a cycle track and a pavement."""
 STRIP_STEP_M = 2.0
 """[m] Between the points of the line of a strip."""
+FREE_STEP_M = 0.5
+"""[m] Between the places at which it is looked what stands in the way of riders, ..."""
+CLEAR_M = 0.2
+"""[m] ... from which they keep this distance, ..."""
+RIM_M = 2.0
+"""[m] ... and in front of which they appear and leave: the length of a bicycle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +53,22 @@ class RiderStrip:
         """It as a line."""
         stations = np.arange(0.0, build_route_line(self.roads, self.lanes).curve.length, STRIP_STEP_M)
         return build_pose_line([compute_pose(self.roads, self.lanes, one, self.offset) for one in stations.tolist()])
+
+    def find_free(self, stations_m: tuple[float, float, float], half_m: float) -> tuple[float, float]:
+        """Return between which stations [m] around the middle one, at most from the first to the last one, nothing
+        stands in the way of riders of half that width [m]."""
+        first_m, at_m, last_m = stations_m
+        end_m = min(last_m, build_route_line(self.roads, self.lanes).curve.length)
+        stations = np.arange(max(first_m, 0.0), end_m, FREE_STEP_M)
+        poses = [compute_pose(self.roads, self.lanes, one, self.offset) for one in stations.tolist()]
+        points = shapely.points([(pose.x, pose.y) for pose in poses])
+        tree = shapely.STRtree(self.roads.building_shapes)
+        met = stations[tree.query(points, predicate="dwithin", distance=half_m + CLEAR_M)[0]]
+        before, behind = met[met <= at_m], met[met > at_m]
+        return (
+            float(before.max() + RIM_M if len(before) else stations[0]),
+            float(behind.min() - RIM_M if len(behind) else end_m),
+        )
 
     def find_met(self, way: JunctionWay) -> tuple[float, float] | None:
         """Return the stations [m] on a way and on the lanes at which the way first crosses the strip; None if it does

@@ -1,6 +1,7 @@
 """Families of riders: every CAV crosses a stream that passes closely behind what stands at the kerb."""
 
 import random
+from collections import Counter
 from itertools import combinations
 from pathlib import Path
 
@@ -14,11 +15,21 @@ from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard import families_agreed
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
 from mdrive_sumo.generate.hard.hard_places import PlaceTask, draw_hard_place
-from mdrive_sumo.generate.hard.riders import FAMILIES
+from mdrive_sumo.generate.hard.riders import (
+    DELIVERING,
+    FAMILIES,
+    PARKED,
+    ROW_GAP_M,
+    ROW_M,
+    RiderKind,
+    draw_row,
+)
 from mdrive_sumo.generate.rejection import ProposalRejected
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, ReplayMotion
 from mdrive_sumo.scenario.start_boxes import build_user_box
+from mdrive_sumo.sensing.lidar_world import CAR_M, assume_vehicle_height
+from mdrive_sumo.worlds.placement.bodies import BODY_SIZES
 
 TRIES = 8
 LEAST_M = 1.0
@@ -102,3 +113,16 @@ def test_place_without_four_streets_is_refused_with_its_name(tmp_path: Path) -> 
     values = tuple(one.low for one in family.parameters)
     with pytest.raises(ProposalRejected, match=f"{place.name}: expected a crossing of four streets of one lane"):
         family.build(FamilyCandidate("one", place.name, values, "seed"), place.load_roads())
+
+
+def test_rows_differ_and_begin_with_what_hides_riders() -> None:
+    kind = RiderKind("bicycle", DELIVERING, PARKED, ("yield",))
+    rows = [draw_row(kind, random.Random(f"seed{k}")) for k in range(60)]
+    assert len(set(rows)) > 40
+    firsts = Counter(row[0] for row in rows)
+    assert set(firsts) == set(DELIVERING)
+    assert max(firsts, key=lambda one: firsts[one]) == "truck"
+    for row in rows:
+        assert assume_vehicle_height(BODY_SIZES[row[0]][0]) > CAR_M
+        assert ROW_M <= sum(BODY_SIZES[model][0] + ROW_GAP_M for model in row) < ROW_M + 17.0
+    assert draw_row(kind, random.Random("seed7")) == rows[7]

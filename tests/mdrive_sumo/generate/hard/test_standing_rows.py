@@ -1,5 +1,7 @@
 """Rows of standing vehicles beside a stream, on a crossing with signals and two lanes in each direction."""
 
+from collections.abc import Sequence
+
 import pytest
 import shapely
 
@@ -30,7 +32,8 @@ def list_left_turns(roads: RoadMap) -> list[JunctionConflict]:
 def test_a_row_stands_beside_a_stream_and_leaves_the_way_free(roads: RoadMap) -> None:
     conflict = list_left_turns(roads)[0]
     own, other = (shapely.LineString(build_route_line(roads, way.lanes).xy) for way in (conflict.own, conflict.other))
-    row = [build_user_box(actor) for actor in build_row(roads, conflict, 1.6, 2.0, (("truck", "bus", "truck"), 1.0))]
+    made = build_row(roads, conflict, 1.6, 2.0, (("truck", "bus", "truck"), 1.0), shapely.Polygon())
+    row = [build_user_box(actor) for actor in made]
     assert len(row) == 3
     assert 2.0 <= row[0].distance(own) < 2.0 + 2 * STEP_M
     assert all(box.distance(own) >= 2.0 - STEP_M for box in row)
@@ -38,9 +41,20 @@ def test_a_row_stands_beside_a_stream_and_leaves_the_way_free(roads: RoadMap) ->
     assert row[0].distance(row[1]) == pytest.approx(1.0, abs=0.1)
 
 
+def test_no_vehicle_of_a_row_stands_where_it_is_closed(roads: RoadMap) -> None:
+    conflict = list_left_turns(roads)[0]
+    row: tuple[Sequence[str], float] = (("truck", "bus", "truck"), 1.0)
+    first, second, _ = map(build_user_box, build_row(roads, conflict, 1.6, 2.0, row, shapely.Polygon()))
+    front = first.intersection(shapely.LineString(build_route_line(roads, conflict.own.lanes).xy).buffer(4.0))
+    closed = front.union(second.centroid.buffer(1.0))
+    moved = [build_user_box(actor) for actor in build_row(roads, conflict, 1.6, 2.0, row, closed)]
+    assert moved
+    assert not any(box.intersects(closed) for box in moved)
+
+
 def test_a_row_without_room_is_refused(roads: RoadMap) -> None:
     with pytest.raises(ProposalRejected, match="room for a bus 60 m beside a way"):
-        build_row(roads, list_left_turns(roads)[0], 1.6, 60.0, (("bus",), 1.0))
+        build_row(roads, list_left_turns(roads)[0], 1.6, 60.0, (("bus",), 1.0), shapely.Polygon())
 
 
 def test_streets_that_cross_do_not_both_have_green(roads: RoadMap) -> None:
