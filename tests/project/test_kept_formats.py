@@ -22,7 +22,7 @@ from testing.paths import ROOT, TESTS
 from mdrive_sumo.agents.learned.weights_manifest import read_manifest
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.generate.hard.hard_recipe import load_hard_recipe
+from mdrive_sumo.generate.hard.hard_recipe import HardRecipe
 from mdrive_sumo.generate.recipe import load_recipe
 from mdrive_sumo.learning.shard_reading import load_dataset_file
 from mdrive_sumo.open_loop.results import OpenLoopResults
@@ -73,7 +73,10 @@ READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
     "place/1": (lambda: read_place(KEPT).name, "train_tee"),
     "quality/1": (lambda: load_quality(KEPT / "suite/small/quality.json").by_sumo, 2),
     "recipe/1": (lambda: load_recipe(KEPT / "recipe.json").id, "construction_03"),
-    "hard-recipe/2": (lambda: load_hard_recipe(KEPT / "hard_recipe.json").place.kind, "crossing"),
+    "hard-recipe/2": (
+        lambda: HardRecipe.model_validate_json(read_bytes(KEPT / "hard_recipe.json")).place.kind,
+        "crossing",
+    ),
     "reference-times/1": (lambda: len(read_reference_times(KEPT).scenarios), 1),  # pyright: ignore[reportOptionalMemberAccess]
     "need/1": (lambda: len(NeedCertificateFile.read(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
     "need/2": (lambda: str(NeedCertificateFile.read(KEPT / "need_2").certificates[0].proves), "all"),  # pyright: ignore[reportOptionalMemberAccess]

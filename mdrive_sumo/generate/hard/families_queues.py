@@ -272,10 +272,11 @@ _CYCLISTS = (
     FamilyParameter("speed", *PEDELEC_MPS, "m/s", "speed of the cyclists"),
     FamilyParameter("every_s", 1.0, 1.4, "s", "time between two cyclists"),
 )
+# none has zebras: a queue leaves them free, and one sees through the gaps
 _STRAIGHT_PLACES = (
     *OLD_TOWNS[:2],  # the streets of corridors end at the main one
     *(
-        PlaceChoice("crossing", {"arms": 4, "control": "priority", "area": area, "speed_kmh": 50})
+        PlaceChoice("crossing", {"arms": 4, "control": "priority", "area": area, "speed_kmh": 50, "zebras": False})
         for area in ("town", "suburb", "commercial")
     ),
     PlaceChoice("town_block", {"area": "town", "control": "main_street", "columns": 3, "keeps_sight": False}),
@@ -283,11 +284,12 @@ _STRAIGHT_PLACES = (
 CYCLE_PLACES = (
     *(
         PlaceChoice(
-            "crossing", {"arms": 4, "control": "priority", "area": area, "speed_kmh": 50, "beside": "cycle_lanes"}
+            "crossing",
+            {"arms": 4, "control": "priority", "area": area, "speed_kmh": 50, "zebras": False, "beside": "cycle_lanes"},
         )
         for area in ("old_town", "town", "suburb")
     ),
-    PlaceChoice("crossing", {"arms": 3, "control": "priority", "area": "town", "speed_kmh": 50}),
+    PlaceChoice("crossing", {"arms": 3, "control": "priority", "area": "town", "speed_kmh": 50, "zebras": False}),
     OLD_TOWNS[0],
     OLD_TOWNS[2],
 )

@@ -160,12 +160,20 @@ def build_stream_masts(
 
 
 def _choose_crossing(area: str, control: str, **more: str | bool) -> PlaceChoice:
-    parameters = {"area": area, "arms": 4, "control": control, "main_lanes": 2, "speed_kmh": 50, "turn_lanes": False}
+    parameters = {
+        "area": area,
+        "arms": 4,
+        "control": control,
+        "main_lanes": 2,
+        "speed_kmh": 50,
+        "turn_lanes": False,
+        "zebras": False,
+    }
     return PlaceChoice("crossing", {**parameters, **more})
 
 
 def _choose_street(area: str) -> PlaceChoice:
-    parameters = {"area": area, "arms": 4, "control": "priority", "main_lanes": 1, "speed_kmh": 50}
+    parameters = {"area": area, "arms": 4, "control": "priority", "main_lanes": 1, "speed_kmh": 50, "zebras": False}
     return PlaceChoice("crossing", {**parameters, "beside": "parking", "keeps_sight": False})
 
 

@@ -63,8 +63,8 @@ PATH_M = 65.0, 20.0
 """[m] Length of a way before and behind the riders' line of which a row keeps its distance."""
 STREAM_M, BEYOND_STREAM_M = 100.0, 60.0
 """[m] Before the crossing to where riders appear, and beyond it to where they leave, at most, ..."""
-LEAST_STREAM_M, LEAST_BEYOND_M = 50.0, 25.0
-"""[m] ... and at least, where houses, trees or hedges stand in their way: a row that hides them is 45 m long."""
+LEAST_STREAM_M, LEAST_BEYOND_M = 40.0, 25.0
+"""[m] ... and at least, where houses, trees or hedges stand in their way: at 8.3 m/s that is 5 s."""
 PEDELEC_MPS = (6.9, 8.3)
 """[m/s] Groups on a free track: from 25 km/h, up to which the motors of pedelecs help (StVG section 1 (3)), to 30 km/h;
 S-pedelecs may go 45 km/h. They are 1 to 1.5 s apart, as those who start one after the other at a green light."""

@@ -23,6 +23,7 @@ from mdrive_sumo.generate.hard.cautious_drivers import CAUTIOUS_DRIVERS, SPEEDIN
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily, draw_weather
 from mdrive_sumo.generate.hard.family_search import AHEAD, FamilySearch
 from mdrive_sumo.generate.hard.hard_places import HardPlace, find_places, list_choices, name_choice
+from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR
 from mdrive_sumo.generate.hard.met_controls import count_met_controls
 from mdrive_sumo.generate.hard.time_limits import (
     LEAST_FACTOR,
@@ -244,5 +245,5 @@ def test_routes_that_meet_a_sign_or_running_lights_are_counted() -> None:
 def test_the_first_edition_is_not_rebuilt_and_the_error_says_by_what() -> None:
     result = CliRunner().invoke(main, ["generate", "--rebuild", "hard@0"])
     assert result.exit_code == 2
-    assert "expected version 4 of the families of the hard tier, found 3" in result.output
+    assert f"expected version {HARD_GENERATOR} of the families of the hard tier, found 3" in result.output
     assert "commit a14fdf0a" in result.output and result.output.count("\n") == 1

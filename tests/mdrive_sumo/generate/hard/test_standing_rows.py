@@ -29,10 +29,19 @@ def list_left_turns(roads: RoadMap) -> list[JunctionConflict]:
     return [one for one in conflicts if one.own.turn == "left" and roads.lanes[one.other.approach].left]
 
 
+ROW: tuple[Sequence[str], float] = (("truck", "bus", "truck"), 1.0)
+
+
+def find_straight(roads: RoadMap) -> JunctionConflict:
+    """Return a left turn with room for the whole row: on other streets it ends where they bend."""
+    turns = list_left_turns(roads)
+    return next(one for one in turns if len(build_row(roads, one, 1.6, 2.0, ROW, shapely.Polygon())) == 3)
+
+
 def test_a_row_stands_beside_a_stream_and_leaves_the_way_free(roads: RoadMap) -> None:
-    conflict = list_left_turns(roads)[0]
+    conflict = find_straight(roads)
     own, other = (shapely.LineString(build_route_line(roads, way.lanes).xy) for way in (conflict.own, conflict.other))
-    made = build_row(roads, conflict, 1.6, 2.0, (("truck", "bus", "truck"), 1.0), shapely.Polygon())
+    made = build_row(roads, conflict, 1.6, 2.0, ROW, shapely.Polygon())
     row = [build_user_box(actor) for actor in made]
     assert len(row) == 3
     assert 2.0 <= row[0].distance(own) < 2.0 + 2 * STEP_M
@@ -42,12 +51,11 @@ def test_a_row_stands_beside_a_stream_and_leaves_the_way_free(roads: RoadMap) ->
 
 
 def test_no_vehicle_of_a_row_stands_where_it_is_closed(roads: RoadMap) -> None:
-    conflict = list_left_turns(roads)[0]
-    row: tuple[Sequence[str], float] = (("truck", "bus", "truck"), 1.0)
-    first, second, _ = map(build_user_box, build_row(roads, conflict, 1.6, 2.0, row, shapely.Polygon()))
+    conflict = find_straight(roads)
+    first, second, _ = map(build_user_box, build_row(roads, conflict, 1.6, 2.0, ROW, shapely.Polygon()))
     front = first.intersection(shapely.LineString(build_route_line(roads, conflict.own.lanes).xy).buffer(4.0))
     closed = front.union(second.centroid.buffer(1.0))
-    moved = [build_user_box(actor) for actor in build_row(roads, conflict, 1.6, 2.0, row, closed)]
+    moved = [build_user_box(actor) for actor in build_row(roads, conflict, 1.6, 2.0, ROW, closed)]
     assert moved
     assert not any(box.intersects(closed) for box in moved)
 
