@@ -194,7 +194,7 @@ _PARAMETERS = (
     FamilyParameter("due_s", 5.5, 7.0, "s", "time after which the first CAV is due at the conflict"),
     FamilyParameter("headway_s", 1.0, 1.8, "s", "time headway of the CAVs"),
     FamilyParameter("gap_m", 0.3, 0.5, "m", "from the flanks of the lorries that stand to the stream"),
-    FamilyParameter("side_m", 1.75, 2.4, "m", "from the first lorry to the middle of the CAVs' way"),
+    FamilyParameter("side_m", 1.85, 2.4, "m", "from the first lorry to the middle of the CAVs' way"),
     FamilyParameter("standing", 4.0, 7.4, "", "number of lorries and buses that stand, rounded"),
     FamilyParameter("before_s", 2.5, 4.5, "s", "from the first vehicle of the stream to the first CAV"),
     FamilyParameter("every_s", 1.3, 1.8, "s", "time between the two vehicles of a pair"),

@@ -65,9 +65,10 @@ STREAM_M, BEYOND_STREAM_M = 100.0, 60.0
 """[m] Before the crossing to where riders appear, and beyond it to where they leave, at most, ..."""
 LEAST_STREAM_M, LEAST_BEYOND_M = 40.0, 25.0
 """[m] ... and at least, where houses, trees or hedges stand in their way: at 8.3 m/s that is 5 s."""
-PEDELEC_MPS = (6.9, 8.3)
-"""[m/s] Groups on a free track: from 25 km/h, up to which the motors of pedelecs help (StVG section 1 (3)), to 30 km/h;
-S-pedelecs may go 45 km/h. They are 1 to 1.5 s apart, as those who start one after the other at a green light."""
+PEDELEC_MPS = (7.5, 8.6)
+"""[m/s] Brisk groups on a free track, 27 to 31 km/h: the motors of pedelecs help up to 25 km/h (StVG section 1 (3)), those
+of S-pedelecs up to 45 km/h (EU 168/2013, L1e-B). At 25 km/h few scenarios have a certificate of level `all`. They are 1 to
+1.5 s apart, as those who start one after the other at a green light."""
 SCOOTER_MPS = (4.5, 5.6)
 """[m/s] E-scooters go up to 20 km/h (eKFV section 1 (1))."""
 GROUPS = 3

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import chain, combinations, groupby
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from mdrive_sumo.core import portable
@@ -63,12 +64,12 @@ def _build_course(member: Actor) -> shapely.LineString:
     return shapely.LineString(_get_poses(member)[:, 1:3])
 
 
-def _sweep(member: Actor) -> Sequence[shapely.Polygon]:
+def _sweep(member: Actor) -> npt.NDArray[np.object_]:
     """Return the box of a road user at places of its course, `SWEEP_M` apart."""
     poses = _get_poses(member)
     along = np.concatenate(((0.0,), np.cumsum(portable.hypot(*np.diff(poses[:, 1:3], axis=0).T))))
     stations = np.linspace(0.0, along[-1], int(along[-1] / SWEEP_M) + 2)
-    return shapely.polygons(_build_boxes(member, np.interp(stations, along, poses[:, 0])))
+    return np.asarray(shapely.polygons(_build_boxes(member, np.interp(stations, along, poses[:, 0]))))
 
 
 def _find_meetings(some: Sequence[Actor], others: Sequence[Actor], reach_m: float) -> Iterator[str]:
@@ -83,8 +84,8 @@ def _find_meetings(some: Sequence[Actor], others: Sequence[Actor], reach_m: floa
     for one in some:
         for other in others:
             near = portable.hypot(*(middles[one.id] - middles[other.id]).T) < reach_m
-            pair = [shapely.polygons(boxes[member.id][near]) for member in (one, other)]
-            away = shapely.distance(*pair)
+            mine, its = (np.asarray(shapely.polygons(boxes[member.id][near])) for member in (one, other))
+            away = np.asarray(shapely.distance(mine, its))
             if len(away) and away.min() < LEAST_M:
                 at_s = float(times[near][int(away.argmin())])
                 found = f"found {away.min():.2f} m at {at_s:.1f} s"

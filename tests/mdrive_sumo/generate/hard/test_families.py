@@ -87,8 +87,9 @@ def check_that_it_could_stand_in_a_city(scenario: Scenario, roads: RoadMap) -> N
     for actor in standing:
         box = build_user_box(actor)
         assert not box.intersects(zebras)
-        if actor.id.startswith("parked"):
+        if actor.id.startswith(("parked", "standing")):
             assert box.distance(routes) >= CAR.width / 2 + CAV_CLEAR_M - 0.01
+        if actor.id.startswith("parked") or scenario.category == "parked-rows":
             assert not box.intersects(build_carriageway_across(roads, actor.start.yaw))
 
 
