@@ -66,9 +66,9 @@ STREAM_M, BEYOND_STREAM_M = 100.0, 60.0
 LEAST_STREAM_M, LEAST_BEYOND_M = 40.0, 25.0
 """[m] ... and at least, where houses, trees or hedges stand in their way: at 8.3 m/s that is 5 s."""
 PEDELEC_MPS = (7.5, 8.6)
-"""[m/s] Brisk groups on a free track, 27 to 31 km/h: the motors of pedelecs help up to 25 km/h (StVG section 1 (3)), those
-of S-pedelecs up to 45 km/h (EU 168/2013, L1e-B). At 25 km/h few scenarios have a certificate of level `all`. They are 1 to
-1.5 s apart, as those who start one after the other at a green light."""
+"""[m/s] Brisk groups on a free track, 27 to 31 km/h: the motors of pedelecs help up to 25 km/h (StVG section 1 (3)),
+those of S-pedelecs up to 45 km/h (EU 168/2013, L1e-B). At 25 km/h certificates of level `all` fail that hold at 27. Riders
+are 1 to 1.5 s apart, as those who start one after the other at a green light."""
 SCOOTER_MPS = (4.5, 5.6)
 """[m/s] E-scooters go up to 20 km/h (eKFV section 1 (1))."""
 GROUPS = 3
@@ -198,7 +198,7 @@ def _describe_stream(
     if crossing.at_m - begin_m < LEAST_STREAM_M or end_m - crossing.at_m < LEAST_BEYOND_M:
         raise NoRoomError(
             f"network {roads.name}: expected a free way of riders of {LEAST_STREAM_M:g} m before the crossing and"
-            f" {LEAST_BEYOND_M:g} m beyond it, found {crossing.at_m - begin_m:.0f} m and {end_m - crossing.at_m:.0f} m"
+            f" {LEAST_BEYOND_M:g} m beyond it, found {crossing.at_m - begin_m:.1f} m and {end_m - crossing.at_m:.1f} m"
         )
     return RoadUserStream(
         crossing.strip.lanes,
