@@ -67,8 +67,8 @@ LEAST_STREAM_M, LEAST_BEYOND_M = 40.0, 25.0
 """[m] ... and at least, where houses, trees or hedges stand in their way: at 8.3 m/s that is 5 s."""
 PEDELEC_MPS = (7.5, 8.6)
 """[m/s] Brisk groups on a free track, 27 to 31 km/h: the motors of pedelecs help up to 25 km/h (StVG section 1 (3)),
-those of S-pedelecs up to 45 km/h (EU 168/2013, L1e-B). At 25 km/h certificates of level `all` fail that hold at 27. Riders
-are 1 to 1.5 s apart, as those who start one after the other at a green light."""
+those of S-pedelecs up to 45 km/h (EU 168/2013, L1e-B). At 25 km/h certificates of level `all` fail that hold at 27.
+Riders are 1 to 1.5 s apart, as those who start one after the other at a green light."""
 SCOOTER_MPS = (4.5, 5.6)
 """[m/s] E-scooters go up to 20 km/h (eKFV section 1 (1))."""
 GROUPS = 3
