@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from mdrive_sumo.generate.hard import (
     families_agreed,
     families_queues,
+    families_riders,
     families_rows,
-    riders,
 )
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 
@@ -14,7 +14,7 @@ _ALL: tuple[ScenarioFamily, ...] = (
     *families_agreed.FAMILIES,
     *families_queues.FAMILIES,
     *families_rows.FAMILIES,
-    *riders.FAMILIES,
+    *families_riders.FAMILIES,
 )
 
 FAMILIES: Mapping[str, ScenarioFamily] = {family.category: family for family in _ALL}

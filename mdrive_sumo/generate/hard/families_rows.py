@@ -118,7 +118,7 @@ def _build_column(one: JunctionConflict, values: Values, count: str, later_s: fl
 
 
 def list_closed(roads: RoadMap, one: JunctionConflict) -> BaseGeometry:
-    """Return where nobody parks along the other way of a conflict: in front of the own street, and on zebras."""
+    """Return where nothing parks along the other way of a conflict: in front of the own street, and on zebras."""
     return build_zebras(roads).union(build_crossing_street(roads, one.other))
 
 

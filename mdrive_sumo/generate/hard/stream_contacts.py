@@ -73,7 +73,7 @@ def _sweep(member: Actor) -> npt.NDArray[np.object_]:
 
 
 def _find_meetings(some: Sequence[Actor], others: Sequence[Actor], reach_m: float) -> Iterator[str]:
-    """Yield who of two streams comes too near to whom, one sentence for the first pair.
+    """Yield which two road users of two streams come too near to each other, one sentence for the first pair.
 
     reach_m: between middles [m] that are farther apart no boxes are too near.
     """

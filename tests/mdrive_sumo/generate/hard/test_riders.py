@@ -13,11 +13,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.generate.drawn_places import PlaceChoice
 from mdrive_sumo.generate.hard import families_agreed
+from mdrive_sumo.generate.hard.families_riders import FAMILIES
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
 from mdrive_sumo.generate.hard.hard_places import PlaceTask, draw_hard_place
 from mdrive_sumo.generate.hard.riders import (
     DELIVERING,
-    FAMILIES,
     PARKED,
     ROW_GAP_M,
     ROW_M,
