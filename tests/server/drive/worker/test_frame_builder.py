@@ -8,7 +8,18 @@ from testing.worlds import straight_road
 
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.core.state import Actors, EgoState, Frame, Kind
-from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, ReferencePose, encode, format_track_name
+from mdrive_sumo.v2x.messages import (
+    Cam,
+    Cpm,
+    Denm,
+    Direction,
+    EventCause,
+    Intention,
+    Mcm,
+    ReferencePose,
+    encode,
+    format_track_name,
+)
 from server.drive.protocol import ROW
 from server.drive.worker.frame_builder import FrameBuilder, describe_messages
 from server.drive.worker.motion import MotionCache
@@ -74,6 +85,7 @@ def test_messages_are_told_once_for_all_receivers() -> None:
         "cam": encode(Cam(pose, 5.0, 0.0, 0.0, 4.9, 2.0)),
         "cpm": encode(Cpm(pose, 60.0, seen, np.array([0], dtype=np.uint8))),
         "mcm": encode(Mcm(pose, 5.0, Intention.KEEP, Direction.FOLLOW, 0.5, path)),
+        "denm": encode(Denm(pose, 2, EventCause.COLLISION_RISK, 0, 40.0, 6.0, 5, 1.0, 5.0, 4.9, 2.0)),
         "text": encode("I wait for 0a1b2c3d"),
         "own": Message("own", b"x"),
         "bad": Message("cam", b"x"),
@@ -81,8 +93,10 @@ def test_messages_are_told_once_for_all_receivers() -> None:
     arrived = {name: replace(message, sender="1", tick=6) for name, message in sent.items()}
     received = {"0": tuple(arrived.values()), "2": (arrived["cam"],), "3": ()}
     rows = {row["kind"]: row for row in describe_messages(received, {"0a1b2c3d": "2"}, ORIGIN)}
-    assert set(rows) == {"cam", "cpm", "mcm", "text"}
+    assert set(rows) == {"cam", "cpm", "mcm", "denm", "text"}
     assert rows["cam"] == {"from": "1", "to": ["0", "2"], "kind": "cam", "at": [20.0, 10.0], "speed": 5.0, "yaw": 0.25}
     assert rows["text"] == {"from": "1", "to": ["0"], "kind": "text", "text": "I wait for 2"}
     assert rows["cpm"]["objects"] == [pytest.approx([30.0, 11.0, 0.1, 4.5, 1.8, 3.0], abs=0.02)]
+    assert rows["denm"]["event"] == pytest.approx([30.0, 11.0], abs=0.02)
+    assert (rows["denm"]["cause"], rows["denm"]["ended"]) == ("collision risk", False)
     assert rows["mcm"]["path"] == [[20.0, 10.0], [24.0, 10.0], [28.0, 10.0], [30.0, 10.0]]
