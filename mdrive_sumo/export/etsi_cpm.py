@@ -33,9 +33,11 @@ GeoNetworking packet may carry (EN 302 636-4-1, itsGnMaxSduSize)."""
 FULL_CIRCLE = 3600
 """[0.1 deg]"""
 UNKNOWN_CONFIDENCE = 101
+"""ObjectConfidence: not available."""
 PEDESTRIAN, CYCLIST = 1, 3
 """Types of persons; vehicles have type 0, unknown: a detection does not tell a car from a truck."""
 STATIC_STATUS = 2
+"""DynamicStatus: static."""
 
 
 class CpmSender(NamedTuple):

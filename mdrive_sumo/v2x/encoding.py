@@ -51,6 +51,7 @@ CPM_BYTES = _CPM.size
 OBJECT_BYTES = _OBJECT.itemsize
 """Of an object in a CPM."""
 LAST_TICK = 2**32 - 1
+"""Of a tick in a message: 4 bytes."""
 
 
 @twin

@@ -94,6 +94,7 @@ class PacketErrorModel:
 BLUR_DB: Final = 3.0
 """Standard deviation [dB] of an interferer's shadowing: that of LOS, which most interferers that count have."""
 _BLUR_FIRST_DB = FIRST_DB - 4.0 * BLUR_DB
+"""[dB] First value of a blurred curve: `_blur` spreads each point over four standard deviations."""
 
 
 def interpolate(curves: Float, sinr_db: Float, classes: Classes) -> Float:

@@ -65,6 +65,7 @@ class _Included(NamedTuple):
 NEVER = _Included(-math.inf, 0.0, 0.0, 0.0, 0.0)
 """Of an object that no CPM has had: infinitely long ago."""
 BELOW_ONE = 0.999
+"""Of a change that only equals its threshold: the standard asks for more than that."""
 
 
 @dataclass(slots=True)
