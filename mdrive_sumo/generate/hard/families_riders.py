@@ -61,7 +61,7 @@ def _name_parameters(**bounds: tuple[float, float]) -> tuple[FamilyParameter, ..
     return (
         SITE,
         name("own", 1.6, 3.4, "", "number of CAVs on the first way, rounded"),
-        name("back", 0.6, 3.4, "", "number of CAVs on the second way, if there is one, rounded"),
+        name("back", 0.9, 3.4, "", "number of CAVs on the second way, if there is one, rounded"),
         FamilyParameter("due_s", 3.0, 4.5, "s", "time after which the first CAV is due at the riders' line"),
         FamilyParameter("back_s", -0.5, 1.5, "s", "how much later the first one on the second way is due"),
         name("headway_s", 1.1, 1.9, "s", "time headway in a column of CAVs"),
@@ -69,12 +69,12 @@ def _name_parameters(**bounds: tuple[float, float]) -> tuple[FamilyParameter, ..
         name("before_s", 1.2, 2.2, "s", "how much earlier than the first CAV the first rider is due"),
         name("every_s", 1.0, 1.5, "s", "time between two riders"),
         name("lasts_s", 8.0, 11.0, "s", "how long a group of riders takes to pass"),
-        name("pause_s", 7.0, 9.0, "s", "pause between two groups"),
+        name("pause_s", 5.5, 8.0, "s", "pause between two groups"),
         name("wall_m", 1.0, 1.8, "m", "distance of the riders from the edge of the street's lanes"),
         name("free_m", 0.3, 0.4, "m", "distance of what stands at the kerb from the riders"),
         name("side_m", 1.75, 1.95, "m", "its distance from the middle of the CAVs' way"),
-        FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit sees the riders (from 0.5 on)"),
-        FamilyParameter("mast_back", 0.0, 1.0, "", "whether one sees those before the second way (from 0.5 on)"),
+        FamilyParameter("mast", 0.0, 0.8, "", "whether a roadside unit sees the riders (from 0.5 on)"),
+        FamilyParameter("mast_back", 0.0, 0.8, "", "whether one sees those before the second way (from 0.5 on)"),
     )
 
 
