@@ -63,6 +63,8 @@ command.add_command(paper_command)
 @click.option("--loss", metavar="P,...", help="Probabilities of loss.")
 @click.option("--pose-error", metavar="M,...", help="Standard deviations of senders' poses, in metres.")
 @click.option("--rotation-error", metavar="DEG,...", help="The same in degrees [default: --pose-error's numbers].")
+@click.option("--connected-background", metavar="P,...", help="Radios: shares of the background that send CAMs.")
+@click.option("--channels", metavar="A,B,...", help="Further channels of --comm, to compare with the base channel.")
 @click.option(
     "--grid", type=click.Choice(GRIDS), default=GRIDS[0], show_default=True, help="Combination of the factors."
 )
@@ -80,7 +82,7 @@ command.add_command(paper_command)
 @setting_option("workers")
 @click.pass_context
 def comm_command(ctx: click.Context, **options: object) -> None:
-    """Sweep latency, loss and pose error of the V2X channel over agents, in one command.
+    """Sweep latency, loss, pose error and load of the V2X channel over agents, or compare channels.
 
     One-at-a-time changes one factor and leaves the others as the base channel has them; full makes every
     combination. The same command given again continues an interrupted study. Writes study.json (all numbers),
@@ -90,7 +92,7 @@ def comm_command(ctx: click.Context, **options: object) -> None:
     """
     given = _ChannelStudyOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
     varied = given.varied()
-    conditions = make_conditions(given.base(), varied, given.grid)
+    conditions = make_conditions(given.base(), varied, given.grid, given.list_channels())
     rows = drive_with_display(ctx, given.study(conditions))
     lines = summarise_rows(rows)
     about = given.describe(rows, given.grid, varied)
@@ -116,6 +118,8 @@ class _ChannelStudyOptions(StudyOptions):
     loss: str | None
     pose_error: str | None
     rotation_error: str | None
+    connected_background: str | None
+    channels: str | None
     grid: str
     captured: bool
 
@@ -123,18 +127,28 @@ class _ChannelStudyOptions(StudyOptions):
         """Return the base channel. Raises InputError."""
         return parse_comm_options(self.comm)
 
+    def list_channels(self) -> tuple[str, ...]:
+        """Return the channels to compare with the base channel, as they are named."""
+        return tuple(part.strip() for part in self.channels.split(",")) if self.channels is not None else ()
+
     def varied(self) -> dict[str, tuple[Level, ...]]:
-        """Return the levels of every varied factor. Raises InputError."""
+        """Return the levels of every varied factor. Raises InputError, also if nothing at all is varied."""
         levels: dict[str, tuple[Level, ...]] = {}
-        for name, text in (("latency", self.latency), ("loss", self.loss)):
+        numbers = {
+            "latency": self.latency, "loss": self.loss, "connected-background": self.connected_background,
+        }  # fmt: skip
+        for name, text in numbers.items():
             if text is not None:
                 levels[name] = parse_levels(name, text)
         if self.pose_error is not None:
             levels["pose-error"] = parse_pose_levels(self.pose_error, self.rotation_error)
         elif self.rotation_error is not None:
             raise InputError("study: --rotation-error: expected --pose-error with it, found none")
-        if not levels:
-            raise InputError("study: expected at least one of --latency, --loss and --pose-error, found none")
+        if not levels and self.channels is None:
+            raise InputError(
+                "study: expected at least one of --latency, --loss, --pose-error, --connected-background and"
+                " --channels, found none"
+            )
         return levels
 
     def study(self, conditions: tuple[ChannelCondition, ...]) -> Study:

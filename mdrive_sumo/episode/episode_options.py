@@ -1,7 +1,7 @@
 """EpisodeOptions: the conditions of an episode that the user chooses."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum, auto
 from typing import Any, TypedDict, Unpack, cast
 
@@ -119,9 +119,12 @@ class EpisodeOptions:
         if not isinstance(cast(object, clock), Clock):
             raise InputError(f"agent_clock: expected ideal, fixed:MS, measured or a Clock, found {clock!r:.40}")
         scalars: dict[str, Any] = {one.field: one.parse(values[one.key]) for one in CONDITIONS if one.key in values}
-        if comm.radio is not None:  # what radios carry is sent by the rules that their load was dimensioned for
-            scalars.setdefault("v2x_rate", SendingRate.ETSI)
+        scalars.setdefault("v2x_rate", _choose_rate(comm))
         return cls(comm, clock, **scalars)
+
+    def with_channel(self, comm: CommSettings) -> "EpisodeOptions":
+        """Return the options over another channel, at the rate that goes with that one."""
+        return replace(self, comm=comm, v2x_rate=_choose_rate(comm))
 
     def to_dict(self) -> dict[str, Scalar]:
         """Return the options as journal and recordings hold them; the inverse of `from_dict`."""
@@ -141,6 +144,11 @@ class EpisodeOptions:
             if condition.key in values
         }
         return cls(parse_comm(parse_json_object(values["comm"], "comm")), parse_clock(values["agent_clock"]), **scalars)
+
+
+def _choose_rate(comm: CommSettings) -> SendingRate:
+    """What radios carry is sent by the rules that their load was dimensioned for."""
+    return SendingRate.FIXED if comm.radio is None else SendingRate.ETSI
 
 
 CONDITIONS: tuple[Setting, ...] = tuple(one for one in list_settings(EpisodeOptions) if one.is_scalar)

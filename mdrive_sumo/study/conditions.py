@@ -23,17 +23,23 @@ class ChannelFactor:
     axis: str
     """Label of the axis in plots, with the unit."""
     fields: tuple[str, ...]
-    """The fields of `Link` that a level sets."""
+    """The fields of `LinkSettings` that a level sets, or of `RadioSettings`."""
     unit: str
+    of_radio: bool = False
 
     def of(self, comm: CommSettings) -> Level | None:
-        """Return the level of a channel; None if it differs between types of message."""
-        levels = {tuple(getattr(link, field) for field in self.fields) for link in (comm.link, *comm.by_type.values())}
+        """Return the level of a channel; None if it differs between types of message, or without a radio."""
+        holders = (comm.radio,) if self.of_radio else (comm.link, *comm.by_type.values())
+        levels = {tuple(getattr(one, field) for field in self.fields) for one in holders if one is not None}
         return levels.pop() if len(levels) == 1 else None
 
     def set(self, comm: CommSettings, level: Level) -> CommSettings:
-        """Return the channel with a level for every type of message."""
+        """Return the channel with a level, for every type of message. Raises InputError without the radio it is of."""
         fields = dict(zip(self.fields, level, strict=True))
+        if self.of_radio:
+            if comm.radio is None:
+                raise InputError(f"study: --{self.name}: expected --comm its-g5 or lte-v2x, found {comm.preset}")
+            return replace(comm, radio=replace(comm.radio, **fields))
         links = {name: replace(link, **fields) for name, link in comm.by_type.items()}
         return replace(comm, link=replace(comm.link, **fields), by_type=links)
 
@@ -51,6 +57,13 @@ FACTORS: Mapping[str, ChannelFactor] = MappingProxyType(
             ChannelFactor("loss", "probability of loss", ("loss",), ""),
             ChannelFactor(
                 "pose-error", "pose error, standard deviation [m and °]", ("pose_error_m", "pose_error_deg"), ""
+            ),
+            ChannelFactor(
+                "connected-background",
+                "connected share of the background",
+                ("connected_background",),
+                "",
+                of_radio=True,
             ),
         )
     }
@@ -72,12 +85,12 @@ class ChannelCondition:
 
 
 def make_conditions(
-    base: CommSettings, varied: Mapping[str, Sequence[Level]], grid: str
+    base: CommSettings, varied: Mapping[str, Sequence[Level]], grid: str, channels: Sequence[str] = ()
 ) -> tuple[ChannelCondition, ...]:
-    """Return the base condition first, then all others once each. Raises InputError for unusable levels.
+    """Return the base condition first, then all others once each. Raises InputError for unusable levels and channels.
 
     varied: levels by factor. grid: "one-at-a-time" sets one factor at a time and leaves the others at the base
-    channel's, "full" makes every combination.
+    channel's, "full" makes every combination. channels: presets of `--comm` as they are, further conditions.
     """
     if not base.on:
         raise InputError("study: expected a base channel that is on, found --comm off")
@@ -88,6 +101,11 @@ def make_conditions(
     for levels in _combine_levels(varied, grid):
         condition = _make_condition(base, levels)
         condition_by_name.setdefault(condition.name, condition)
+    for name in channels:
+        if name not in PRESETS or name in (base.preset, "off"):
+            others = ", ".join(one for one in PRESETS if one not in (base.preset, "off"))
+            raise InputError(f"study: --channels: expected some of {others}, found {name!r:.40}")
+        condition_by_name[name] = ChannelCondition(name, PRESETS[name], MappingProxyType({}))
     return tuple(condition_by_name.values())
 
 
@@ -138,7 +156,7 @@ def _parse_number(name: str, text: str) -> float:
         value = float(text)
     except ValueError:
         raise InputError(f"study: --{name}: expected numbers with commas between them, found {text!r:.40}") from None
-    whole, most = name == "latency", {"loss": 1.0, "latency": 10_000.0}.get(name, math.inf)
+    whole, most = name == "latency", {"loss": 1.0, "connected-background": 1.0, "latency": 10_000.0}.get(name, math.inf)
     if not (0 <= value <= most and math.isfinite(value)) or (whole and not value.is_integer()):
         upper = f" and {most:g}" if math.isfinite(most) else ""
         kind = "whole numbers of ticks" if whole else "numbers"

@@ -116,7 +116,7 @@ def is_silent(row: StudyRow) -> bool:
 
 def _prepare_cell(prepared: PreparedRun, condition: ChannelCondition, seed: int, folder: Path) -> PreparedRun:
     """Return the run of one agent in one condition with one seed."""
-    options = replace(prepared.config.options, comm=condition.comm)
+    options = prepared.config.options.with_channel(condition.comm)
     agent_folder = folder / name_agent_folder(prepared.config.agent)
     return make_variant(prepared, options, (seed,), agent_folder / condition.folder / f"seed{seed}")
 
