@@ -4,8 +4,8 @@
 
 #include "../core/compiled/values.h"
 #include "../core/portable.h"
+#include "../v2x/radio/link_class.h"
 
-enum { LOS, NLOSV, NLOSB };
 enum { BLOCKER_NUMBERS = 6 };
 
 /* A line of sight: its begin, its way, and its length. */

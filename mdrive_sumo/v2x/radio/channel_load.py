@@ -16,9 +16,10 @@ from typing import Final
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.v2x.radio.air_interface import SLOT_S, SUBCHANNELS, SUBFRAME_S
-from mdrive_sumo.v2x.radio.packet_error import PacketErrorModel
+from mdrive_sumo.v2x.radio.packet_error import BLUR_FIRST_DB, PacketErrorModel, interpolate
 from mdrive_sumo.v2x.radio.path_loss import SHADOWING_DB, Classes, from_db, log10
 
 MAX_BUSY_RATIO: Final = 0.84
@@ -95,38 +96,79 @@ def compute_itsg5_load(
     picture: RadioPicture, traffic: OfferedTraffic, errors: PacketErrorModel, noise_dbm: float, sensing_dbm: float
 ) -> ChannelLoad:
     """Return busy ratios and risks with CSMA/CA."""
-    count = len(picture.power_dbm)
-    detected = compute_detection(picture, sensing_dbm)
-    busy_ratio = compress_load(add_up(detected * (traffic.rate * traffic.size)))
-    chance = traffic.rate / (1.0 - busy_ratio[:, None] * _compute_overlap(picture, sensing_dbm))
-    """(n, K): packets per second of an interferer that could begin while the sender does."""
-    hidden, heard = chance * (1.0 - detected), chance * detected * SLOT_S
-    spoils = _compute_spoiling(picture, errors, noise_dbm)
-    is_nearer = picture.power_dbm[None] > picture.power_dbm[:, :count].T[:, :, None]
-    """(n, n, K): whether the receiver hears the interferer louder than the sender."""
-    late = np.where(is_nearer, 0.0, heard[:, None, :]) * spoils  # 32
-    deaf = hidden[:, None, :] * spoils  # 28: begins while the packet lasts ...
-    before = deaf * (1.0 - detected)[None] * traffic.size  # ... or has begun, and the receiver has not noticed
-    busy = hidden[:, None, :] * detected[None] * traffic.size  # 16
-    busy = busy + np.where(is_nearer, heard[:, None, :] * detected[None], 0.0)  # 21
-    return ChannelLoad(
-        busy_ratio,
-        _leave_out_pair(late + before),
-        _leave_out_pair(deaf),
-        _leave_out_pair(busy),
-        _clear_diagonal(heard[:, :count] + hidden[:, :count] * traffic.size[:count]),
-        _clear_diagonal(hidden[:, :count]),
-    )
+    heard = picture.power_dbm, picture.classes, picture.is_known
+    curves = errors.blurred, BLUR_FIRST_DB
+    return ChannelLoad(*sum_itsg5_risks(*heard, traffic.rate, traffic.size, *curves, noise_dbm, sensing_dbm))
 
 
 def compute_sidelink_load(
     picture: RadioPicture, traffic: OfferedTraffic, errors: PacketErrorModel, noise_dbm: float, sensing_dbm: float
 ) -> ChannelLoad:
     """Return busy ratios and risks with the sensing-based reservation of LTE-V2X mode 4."""
-    count = len(picture.power_dbm)
+    heard = picture.power_dbm, picture.classes, picture.is_known
+    curves = errors.blurred, BLUR_FIRST_DB
+    return ChannelLoad(*sum_sidelink_risks(*heard, traffic.rate, traffic.size, *curves, noise_dbm, sensing_dbm))
+
+
+@twin
+def sum_itsg5_risks(
+    power_dbm: Float,
+    classes: Classes,
+    is_known: Bool,
+    rate: Float,
+    size: Float,
+    blurred: Float,
+    first_db: float,
+    noise_dbm: float,
+    sensing_dbm: float,
+    /,
+) -> tuple[Float, Float, Float, Float, Float, Float]:
+    """Return the fields of a `ChannelLoad`, from those of `RadioPicture` and `OfferedTraffic`.
+
+    blurred: error curves as `PacketErrorModel`, from `first_db`.
+    """
+    picture, count = RadioPicture(power_dbm, classes, is_known), len(power_dbm)
+    detected = compute_detection(picture, sensing_dbm)
+    busy_ratio = compress_load(add_up(detected * (rate * size)))
+    chance = rate / (1.0 - busy_ratio[:, None] * _compute_overlap(picture, sensing_dbm))
+    """(n, K): packets per second of an interferer that could begin while the sender does."""
+    hidden, heard = chance * (1.0 - detected), chance * detected * SLOT_S
+    spoils = _compute_spoiling(picture, blurred, first_db, noise_dbm)
+    is_nearer = power_dbm[None] > power_dbm[:, :count].T[:, :, None]
+    """(n, n, K): whether the receiver hears the interferer louder than the sender."""
+    late = np.where(is_nearer, 0.0, heard[:, None, :]) * spoils  # 32
+    deaf = hidden[:, None, :] * spoils  # 28: begins while the packet lasts ...
+    before = deaf * (1.0 - detected)[None] * size  # ... or has begun, and the receiver has not noticed
+    busy = hidden[:, None, :] * detected[None] * size  # 16
+    busy = busy + np.where(is_nearer, heard[:, None, :] * detected[None], 0.0)  # 21
+    return (
+        busy_ratio,
+        _leave_out_pair(late + before),
+        _leave_out_pair(deaf),
+        _leave_out_pair(busy),
+        _clear_diagonal(heard[:, :count] + hidden[:, :count] * size[:count]),
+        _clear_diagonal(hidden[:, :count]),
+    )
+
+
+@twin
+def sum_sidelink_risks(
+    power_dbm: Float,
+    classes: Classes,
+    is_known: Bool,
+    rate: Float,
+    size: Float,
+    blurred: Float,
+    first_db: float,
+    noise_dbm: float,
+    sensing_dbm: float,
+    /,
+) -> tuple[Float, Float, Float, Float, Float, Float]:
+    """Return the fields of a `ChannelLoad`: arguments as `sum_itsg5_risks`."""
+    picture, count = RadioPicture(power_dbm, classes, is_known), len(power_dbm)
     detected = compute_detection(picture, sensing_dbm)
     resources = SUBCHANNELS * _PERIOD_S / SUBFRAME_S
-    taken = traffic.rate * _PERIOD_S * traffic.size
+    taken = rate * _PERIOD_S * size
     """(K,) resources of a period that each sender takes."""
     busy_ratio = spread_reservations(add_up(detected * (taken / resources)))
     busy = busy_ratio[:, None]
@@ -134,10 +176,10 @@ def compute_sidelink_load(
     common = 1.0 - 2.0 * busy + overlap * (busy - busy * busy) + busy * busy  # 27, 30: as a share of all
     unheard = 1.0 - (1.0 - 1.0 / _TAU) * detected  # 24
     same = unheard * common / ((1.0 - busy) * (1.0 - busy)) * (taken / resources)  # 23, 26
-    risk = same[:, None, :] * _compute_spoiling(picture, errors, noise_dbm)
+    risk = same[:, None, :] * _compute_spoiling(picture, blurred, first_db, noise_dbm)
     silent = np.zeros((count, count))
-    sends = np.broadcast_to(traffic.rate[:count] * SUBFRAME_S, (count, count))  # 7
-    return ChannelLoad(busy_ratio, _leave_out_pair(risk), silent, silent, _clear_diagonal(sends), silent)
+    sends = np.broadcast_to(rate[:count] * SUBFRAME_S, (count, count))  # 7
+    return busy_ratio, _leave_out_pair(risk), silent, silent.copy(), _clear_diagonal(sends), silent.copy()
 
 
 def compress_load(offered: Float) -> Float:
@@ -176,16 +218,16 @@ def _compute_overlap(picture: RadioPicture, sensing_dbm: float) -> Float:
     return np.maximum(1.0 - 0.5 * from_db(-0.5 * margin), 0.0)
 
 
-def _compute_spoiling(picture: RadioPicture, errors: PacketErrorModel, noise_dbm: float) -> Float:
+def _compute_spoiling(picture: RadioPicture, blurred: Float, first_db: float, noise_dbm: float) -> Float:
     """Return the probability (n, n, K) that an interferer (last) spoils a packet that would arrive: equation 31."""
     count = len(picture.power_dbm)
     noise = float(from_db(np.array([noise_dbm]))[0])
     disturbed = 10.0 * log10(noise + from_db(picture.power_dbm))
     signal = picture.power_dbm[:, :count].T
     classes = picture.classes[:, :count].T
-    alone = errors.compute_blurred(signal - noise_dbm, classes)[:, :, None]
+    alone = interpolate(blurred, first_db, signal - noise_dbm, classes)[:, :, None]
     sinr = signal[:, :, None] - disturbed[None]
-    lost = errors.compute_blurred(sinr, np.broadcast_to(classes[:, :, None], sinr.shape))
+    lost = interpolate(blurred, first_db, sinr, np.broadcast_to(classes[:, :, None], sinr.shape))
     return np.where(alone < 1.0, np.maximum(lost - alone, 0.0) / np.maximum(1.0 - alone, 1e-9), 0.0)
 
 

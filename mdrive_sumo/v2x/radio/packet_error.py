@@ -71,36 +71,32 @@ class PacketErrorModel:
     def __init__(self, profile: RadioProfile, environment: RadioEnvironment) -> None:
         curves = _CURVES[profile]
         los = curves[0] if environment is RadioEnvironment.URBAN else curves[1]
-        self._curves = np.array((los, curves[2], curves[3]))
-        """(3, points) by `LinkClass`."""
-        self._blurred = np.array([_blur(curve) for curve in self._curves.tolist()])
+        self.curves = np.array((los, curves[2], curves[3]))
+        """(3, points) by `LinkClass`, from `FIRST_DB`."""
+        self.blurred = np.array([_blur(curve) for curve in self.curves.tolist()])
+        """The same if the SINR varies with `BLUR_DB`, from `BLUR_FIRST_DB`."""
 
     def compute(self, sinr_db: Float, classes: Classes, size: int) -> Float:
         """Return the error rate (...,) of packets of `size` bytes, headers included.
 
         Of another size than the curve's: 1 - (1 - PER)^(size / 350), as if bytes failed independently.
         """
-        rate = interpolate(self._curves, sinr_db, classes)
+        rate = interpolate(self.curves, FIRST_DB, sinr_db, classes)
         if size == CURVE_BYTES:
             return rate
         intact = np.maximum(1.0 - rate, 1e-300)
         return np.where(rate < 1.0, 1.0 - portable.exp(size / CURVE_BYTES * portable.log(intact)), 1.0)
 
-    def compute_blurred(self, sinr_db: Float, classes: Classes) -> Float:
-        """Return the expected error rate (...,) of a packet of 350 bytes if the SINR [dB] varies with `BLUR_DB`."""
-        return interpolate(self._blurred, sinr_db, classes)
-
 
 BLUR_DB: Final = 3.0
 """Standard deviation [dB] of an interferer's shadowing: that of LOS, which most interferers that count have."""
-_BLUR_FIRST_DB = FIRST_DB - 4.0 * BLUR_DB
+BLUR_FIRST_DB: Final = FIRST_DB - 4.0 * BLUR_DB
 """[dB] First value of a blurred curve: `_blur` spreads each point over four standard deviations."""
 
 
-def interpolate(curves: Float, sinr_db: Float, classes: Classes) -> Float:
-    """Return the values of curves (3, points) by class at these SINRs [dB], linear between points."""
+def interpolate(curves: Float, first_db: float, sinr_db: Float, classes: Classes) -> Float:
+    """Return the values of curves (3, points) from `first_db` by class at these SINRs [dB], linear between points."""
     points = curves.shape[1]
-    first_db = FIRST_DB if points == _POINTS else _BLUR_FIRST_DB
     place = (sinr_db - first_db) / STEP_DB
     inside = np.minimum(np.maximum(place, 0.0), points - 1.0)
     row = np.minimum(inside.astype(np.intp), points - 2)

@@ -53,11 +53,15 @@ SHADOWING_DB = np.array((3.0, 3.0, 4.0))
 DECORRELATION_M = {RadioEnvironment.URBAN: 10.0, RadioEnvironment.HIGHWAY: 25.0}
 """Decorrelation distance [m] of shadowing: TR 37.885, section 6.2.1, and TR 36.885, table A.1.4-1."""
 
+LossFormulas = tuple[float, float, float, float]
+"""Loss [dB] at 1 m and its growth [dB] per factor 10 of the distance, without and with a building in between."""
 _LOG_GHZ = portable.log(CARRIER_GHZ) * PER_LN10
-_URBAN = 38.77 + 18.2 * _LOG_GHZ, 16.7
-_HIGHWAY = 32.4 + 20.0 * _LOG_GHZ, 20.0
 _BUILDING = 36.85 + 18.9 * _LOG_GHZ, 30.0
-"""Loss [dB] at 1 m, and its growth [dB] per factor 10 of the distance: TR 37.885, table 6.2.1-1."""
+LOSS_FORMULAS: dict[RadioEnvironment, LossFormulas] = {
+    RadioEnvironment.URBAN: (38.77 + 18.2 * _LOG_GHZ, 16.7, *_BUILDING),
+    RadioEnvironment.HIGHWAY: (32.4 + 20.0 * _LOG_GHZ, 20.0, *_BUILDING),
+}
+"""TR 37.885, table 6.2.1-1. Buildings have the urban formula in both: the highway of the TR has none."""
 
 
 def log10(x: Float) -> Float:
@@ -70,15 +74,14 @@ def from_db(level_db: Float) -> Float:
     return portable.exp(level_db * (0.1 / PER_LN10))
 
 
-def compute_path_loss(environment: RadioEnvironment, classes: Classes, distance: Float) -> Float:
+def compute_path_loss(formulas: LossFormulas, classes: Classes, distance: Float) -> Float:
     """Return the median loss [dB] between isotropic antennas, without that of vehicles between them.
 
-    classes, distance: of the same shape; 3-D distance [m] of the antennas. NLOSb is the urban formula in both
-    environments: the highway of the TR has no buildings.
+    classes, distance: of the same shape; 3-D distance [m] of the antennas.
     """
     slopes = log10(np.maximum(distance, LEAST_DISTANCE_M))
-    base, slope = _URBAN if environment is RadioEnvironment.URBAN else _HIGHWAY
-    return np.where(classes == LinkClass.NLOSB, _BUILDING[0] + _BUILDING[1] * slopes, base + slope * slopes)
+    base, slope, building_base, building_slope = formulas
+    return np.where(classes == LinkClass.NLOSB, building_base + building_slope * slopes, base + slope * slopes)
 
 
 def compute_blockage_mean(distance: Float, low: Float, high: Float, blocker: Float) -> Float:

@@ -5,13 +5,11 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
 from mdrive_sumo.v2x.radio.air_interface import INTERFACES, SidelinkInterface, list_blocks, split_message
 from mdrive_sumo.v2x.radio.channel_load import (
@@ -23,19 +21,11 @@ from mdrive_sumo.v2x.radio.channel_load import (
     find_no_load,
 )
 from mdrive_sumo.v2x.radio.packet_error import CURVE_BYTES, PacketErrorModel
-from mdrive_sumo.v2x.radio.path_loss import (
-    DECORRELATION_M,
-    SHADOWING_DB,
-    SOURCE_SIGMA_DB,
-    LinkClass,
-    RadioEnvironment,
-    compute_blockage_mean,
-    compute_path_loss,
-    find_blockage_sigma,
-)
+from mdrive_sumo.v2x.radio.path_loss import DECORRELATION_M, LOSS_FORMULAS, LinkClass, RadioEnvironment
 from mdrive_sumo.v2x.radio.radio_scene import RadioScene
 from mdrive_sumo.v2x.radio.radio_settings import RadioSettings
-from mdrive_sumo.v2x.radio.shadowing import ShadowingField
+from mdrive_sumo.v2x.radio.received_power import compute_received_power
+from mdrive_sumo.v2x.radio.shadowing import draw_waves
 from mdrive_sumo.v2x.radio.transmit_gate import TransmitGate
 
 LOAD_TICKS: Final = 4
@@ -138,13 +128,6 @@ class _Bill(NamedTuple):
     """Airtime [s] or sub-channels of all."""
 
 
-@lru_cache(maxsize=64)
-def _list_pairs(count: int) -> tuple[Int, Int]:
-    """Return the first and second of all pairs of so many stations."""
-    first, second = np.triu_indices(count, 1)
-    return first, second
-
-
 class RadioMedium:
     """The air of one episode."""
 
@@ -153,8 +136,8 @@ class RadioMedium:
         self._interface = INTERFACES[settings.profile]
         self._errors = PacketErrorModel(settings.profile, environment)
         decorrelation_m = DECORRELATION_M[environment]
-        self._shadowing = ShadowingField(seed, "shadowing", decorrelation_m)
-        self._blockage = ShadowingField(seed, "blockage", decorrelation_m)
+        self._shadowing = draw_waves(seed, "shadowing", decorrelation_m)
+        self._blockage = draw_waves(seed, "blockage", decorrelation_m)
         self._radios: dict[str, _StationRadio] = {}
         self._load_tick: int | None = None
         self._load_stations: tuple[str, ...] = ()
@@ -208,42 +191,18 @@ class RadioMedium:
 
     def _hear(self, scene: RadioScene) -> RadioPicture:
         """Return the received powers: with shadowing among stations, medians from background vehicles."""
-        n, total = len(scene.stations), len(scene.xy)
-        first, second = _list_pairs(n)
-        power = np.empty((n, total))
-        power[first, second] = power[second, first] = self._receive(scene, first, second, is_known=True)
-        power[np.arange(n), np.arange(n)] = self._settings.power_dbm  # what nothing asks for
-        if total > n:
-            rows, columns = np.divmod(np.arange(n * (total - n)), total - n)
-            power[:, n:] = self._receive(scene, rows, columns + n, is_known=False).reshape(n, -1)
-        return RadioPicture(power, scene.classes, np.arange(total) < n)
-
-    def _receive(self, scene: RadioScene, first: Int, second: Int, *, is_known: bool) -> Float:
-        """Return the received power (P,) [dBm] of pairs of stations (P,); with shadowing where `is_known`."""
-        classes, height = scene.classes[first, second], scene.height
-        apart, across = scene.xy[first] - scene.xy[second], height[first] - height[second]
-        distance = np.sqrt(apart[:, 0] * apart[:, 0] + apart[:, 1] * apart[:, 1] + across * across)
-        loss = compute_path_loss(self._environment, classes, distance)
-        places = scene.xy[first], scene.xy[second]
-        if is_known:
-            sigma = SHADOWING_DB[classes]
-            if scene.corner_db is not None:
-                around = scene.corner_db[first, second]
-                is_corner = np.isfinite(around)
-                free = compute_path_loss(self._environment, np.zeros_like(classes), distance)
-                loss = np.where(is_corner, np.maximum(np.where(is_corner, around, 0.0), free), loss)
-                sigma = np.where(is_corner, SOURCE_SIGMA_DB, sigma)
-            loss = loss + sigma * self._shadowing.evaluate(*places)
-        blocked = np.flatnonzero(classes == LinkClass.NLOSV)
-        if len(blocked):
-            ends = height[first[blocked]], height[second[blocked]]
-            heights = np.minimum(*ends), np.maximum(*ends), scene.blocker[first[blocked], second[blocked]]
-            blockage = compute_blockage_mean(distance[blocked], *heights)
-            if is_known:
-                deviation = self._blockage.evaluate(*(place[blocked] for place in places))
-                blockage = np.maximum(blockage + find_blockage_sigma(*heights) * deviation, 0.0)
-            loss[blocked] = loss[blocked] + blockage
-        return self._settings.power_dbm + 2.0 * self._settings.antenna_gain_dbi - loss
+        power = compute_received_power(
+            scene.xy,
+            scene.height,
+            scene.classes,
+            scene.blocker,
+            scene.corner_db,
+            LOSS_FORMULAS[self._environment],
+            self._shadowing,
+            self._blockage,
+            self._settings.power_dbm + 2.0 * self._settings.antenna_gain_dbi,
+        )
+        return RadioPicture(power, scene.classes, np.arange(len(scene.xy)) < len(scene.stations))
 
     def _measure_load(self, tick: int, scene: RadioScene, picture: RadioPicture) -> None:
         """Compute busy ratios and risks from what was sent in the last second, and tell congestion control."""

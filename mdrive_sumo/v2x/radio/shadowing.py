@@ -13,34 +13,29 @@ WAVES: Final = 32
 """Waves of a field. Its values then have an excess kurtosis of -1.5 / 32: a normal distribution to 5 %."""
 
 
-class ShadowingField:
-    """A field of unit variance over pairs of places, correlated by exp(-(|moved a| + |moved b|) / decorrelation).
+def draw_waves(seed: int, purpose: str, decorrelation_m: float) -> Float:
+    """Return the waves (WAVES, 5) of a field: wave vector [rad/m] over x, y of both places, and phase [rad].
 
-    That is the correlation of 3GPP TR 36.885, A.1.4, along the path of each station, as a function of places: it does
-    not depend on which ticks or pairs are asked for. A sum of plane waves (Cai and Giannakis, IEEE Trans. Veh.
-    Technol. 52(6), 2003) whose wave numbers have the spectrum of an exponential correlation in the plane.
+    The field has unit variance over pairs of places, and the correlation exp(-(|moved a| + |moved b|) / decorrelation):
+    that of 3GPP TR 36.885, A.1.4, along the path of each station, as a function of places, so that it does not depend
+    on which ticks or pairs are asked for. A sum of plane waves (Cai and Giannakis, IEEE Trans. Veh. Technol. 52(6),
+    2003) whose wave numbers have the spectrum of an exponential correlation in the plane. Fields of other seeds or
+    purposes are independent.
     """
-
-    def __init__(self, seed: int, purpose: str, decorrelation_m: float) -> None:
-        """Draw the waves. Fields of other seeds or purposes are independent."""
-        drawn = [draw_uniforms(seed, "shadowing", purpose, wave) for wave in range(WAVES)]
-        self._waves = np.array([_make_wave(numbers, decorrelation_m) for numbers in drawn])
-        """(WAVES, 5): wave vector [rad/m] over x, y of the first place and x, y of the second; phase [rad]."""
-
-    def evaluate(self, first: Float, second: Float) -> Float:
-        """Return the values (P,) for pairs of places (P, 2) [m].
-
-        A caller gives the two of a pair always in the same order (that of their names), so a pair has one value.
-        """
-        phases = self._waves[:, 4:]
-        for axis, column in enumerate((*first.T, *second.T)):
-            phases = phases + self._waves[:, axis, None] * column
-        # One wave after another: a plain sum over an axis has an order of NumPy's choice.
-        return np.add.accumulate(portable.cos(phases), axis=0)[-1] * _SCALE
+    drawn = [draw_uniforms(seed, "shadowing", purpose, wave) for wave in range(WAVES)]
+    return np.array([_make_wave(numbers, decorrelation_m) for numbers in drawn])
 
 
-_SCALE = math.sqrt(2.0 / WAVES)
-"""Each wave has a variance of 1/2."""
+def evaluate_field(waves: Float, first: Float, second: Float) -> Float:
+    """Return the values (P,) of a field for pairs of places (P, 2) [m].
+
+    A caller gives the two of a pair always in the same order (that of their names), so a pair has one value.
+    """
+    phases = waves[:, 4:]
+    for axis, column in enumerate((*first.T, *second.T)):
+        phases = phases + waves[:, axis, None] * column
+    # One wave after another: a plain sum over an axis has an order of NumPy's choice.
+    return np.add.accumulate(portable.cos(phases), axis=0)[-1] * math.sqrt(2.0 / len(waves))  # each: variance 1/2
 
 
 def _make_wave(uniforms: tuple[float, ...], decorrelation_m: float) -> tuple[float, float, float, float, float]:
