@@ -76,8 +76,7 @@ class SentMessage:
     """The radio link to each receiver when it was sent; empty unless the channel is a radio."""
 
 
-@dataclass(frozen=True, slots=True)
-class _RadioEntry:
+class _RadioEntry(NamedTuple):
     """A message that waits for the radio, in the tick of its sending."""
 
     message: Message

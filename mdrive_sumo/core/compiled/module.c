@@ -21,7 +21,7 @@
     USE(sensing_lidar_cast) USE(sensing_lidar_sensor) USE(sensing_link_classes) USE(sensing_localization) USE(sensing_objects_sensor) \
     USE(sensing_polygon_fill) USE(sensing_visibility) USE(sumo_conflict) USE(sumo_ghost_placement) \
     USE(sumo_sumo_frames) USE(v2x_awareness_service) USE(v2x_channel) USE(v2x_encoding) USE(v2x_mcm_encoding) \
-    USE(v2x_radio_channel_load) USE(v2x_radio_received_power) \
+    USE(v2x_radio_channel_load) USE(v2x_radio_radio_medium) USE(v2x_radio_received_power) \
     USE(vehicle_contact) USE(vehicle_control_plan_reader) USE(vehicle_control_tracker) USE(vehicle_dynamics) \
     USE(vehicle_impact)
 

@@ -5,11 +5,14 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
 from mdrive_sumo.v2x.radio.air_interface import INTERFACES, SidelinkInterface, list_blocks, split_message
 from mdrive_sumo.v2x.radio.channel_load import (
@@ -20,8 +23,8 @@ from mdrive_sumo.v2x.radio.channel_load import (
     compute_sidelink_load,
     find_no_load,
 )
-from mdrive_sumo.v2x.radio.packet_error import CURVE_BYTES, PacketErrorModel
-from mdrive_sumo.v2x.radio.path_loss import DECORRELATION_M, LOSS_FORMULAS, LinkClass, RadioEnvironment
+from mdrive_sumo.v2x.radio.packet_error import CURVE_BYTES, FIRST_DB, PacketErrorModel, interpolate
+from mdrive_sumo.v2x.radio.path_loss import DECORRELATION_M, LOSS_FORMULAS, Classes, LinkClass, RadioEnvironment
 from mdrive_sumo.v2x.radio.radio_scene import RadioScene
 from mdrive_sumo.v2x.radio.radio_settings import RadioSettings
 from mdrive_sumo.v2x.radio.received_power import compute_received_power
@@ -79,8 +82,7 @@ class BusyRatio(NamedTuple):
     """In [0, 1], in steps of 0.001."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reception:
+class Reception(NamedTuple):
     """What becomes of a transmission."""
 
     arrival_s: float
@@ -110,7 +112,7 @@ class _StationRadio:
             self.count -= self.sent.popleft()[1]
         count = self.count
         span_s = min(max(tick, 1), TICKS_PER_SECOND) * DT
-        return (count / span_s, math.fsum(size for *_, size in self.sent) / count) if count else (0.0, 0.0)
+        return (count / span_s, math.fsum([size for _, _, size in self.sent]) / count) if count else (0.0, 0.0)
 
 
 class _Bill(NamedTuple):
@@ -126,6 +128,8 @@ class _Bill(NamedTuple):
     """Packets or blocks."""
     size: float
     """Airtime [s] or sub-channels of all."""
+    colliding: float
+    """What can begin at the same time as another's: packets; LTE-V2X: sub-channels."""
 
 
 class RadioMedium:
@@ -142,7 +146,8 @@ class RadioMedium:
         self._load_tick: int | None = None
         self._load_stations: tuple[str, ...] = ()
         self._load = find_no_load(0)
-        self._load_ratios: list[float] = []
+        self._access_s: dict[str, float] = {}
+        """Mean time [s] between a packet at the head of a station's queue and its begin."""
         self._busy_ratios: list[BusyRatio] = []
         self._bills: dict[int, _Bill] = {}
 
@@ -161,17 +166,28 @@ class RadioMedium:
             self._measure_load(tick, scene, picture)
         elif scene.stations != self._load_stations:
             self._follow_stations(scene.stations)
-        column = {station: i for i, station in enumerate(scene.stations)}
         bills = [self._find_bill(one.payload_bytes) for one in transmissions]
-        arrivals = [
-            self._queue(tick, one, bill, column[one.sender]) for one, bill in zip(transmissions, bills, strict=True)
-        ]
-        causes = self._find_causes(transmissions, bills, column, picture)
-        senders = {one.sender for one in transmissions}
-        links = {sender: _list_links(scene.stations, picture, column[sender]) for sender in senders}
+        arrivals = [self._queue(tick, one, bill) for one, bill in zip(transmissions, bills, strict=True)]
+        load, curves = self._load, (self._errors.curves, FIRST_DB)
+        losses = find_losses(
+            list(transmissions),
+            bills,
+            {station: i for i, station in enumerate(scene.stations)},
+            _LOSSES,
+            picture.power_dbm,
+            picture.classes,
+            *curves,
+            self._interface.noise_dbm,
+            load.collision_per_packet,
+            load.collision_per_second,
+            load.busy_per_packet,
+            load.half_duplex_per_packet,
+            load.half_duplex_per_second,
+        )
+        links = _list_links(scene.stations, picture)
         return [
-            Reception(arrival_s, _name_losses(one, column, row) if math.isfinite(arrival_s) else {}, links[one.sender])
-            for one, arrival_s, row in zip(transmissions, arrivals, causes, strict=True)
+            Reception(arrival_s, lost if arrival_s < math.inf else {}, links[one.sender])
+            for one, arrival_s, lost in zip(transmissions, arrivals, losses, strict=True)
         ]
 
     def _find_bill(self, payload_bytes: int) -> _Bill:
@@ -180,12 +196,14 @@ class RadioMedium:
             interface = self._interface
             sizes = split_message(payload_bytes, interface.header_bytes)
             counts = tuple(self._measure_packet(size) for size in sizes)
+            packets, size = float(sum(count for count, _ in counts)), math.fsum(size for _, size in counts)
             bill = self._bills[payload_bytes] = _Bill(
                 tuple(interface.measure_airtime(size) for size in sizes),
                 counts,
                 sum(sizes) / CURVE_BYTES,
-                float(sum(count for count, _ in counts)),
-                math.fsum(size for _, size in counts),
+                packets,
+                size,
+                size if isinstance(interface, SidelinkInterface) else packets,
             )
         return bill
 
@@ -209,15 +227,25 @@ class RadioMedium:
         traffic = self._measure_traffic(tick, scene)
         compute = compute_sidelink_load if isinstance(self._interface, SidelinkInterface) else compute_itsg5_load
         self._load = compute(picture, traffic, self._errors, self._interface.noise_dbm, self._interface.sensing_dbm)
-        self._load_tick, self._load_stations = tick, scene.stations
-        self._load_ratios = self._load.busy_ratio.tolist()
-        ratios = dict(zip(scene.stations, self._load_ratios, strict=True))
+        self._load_tick = tick
+        ratios = self._take_stations(scene.stations)
         self._busy_ratios += [BusyRatio(tick, station, round(ratio, 3)) for station, ratio in ratios.items()]
         for station, ratio in ratios.items():
-            self._find_radio(station).gate.update(tick, ratio)
+            self._radios[station].gate.update(tick, ratio)
+
+    def _take_stations(self, stations: tuple[str, ...]) -> dict[str, float]:
+        """Note whose load it is; return their busy ratios."""
+        self._load_stations = stations
+        ratios = dict(zip(stations, self._load.busy_ratio.tolist(), strict=True))
+        self._access_s = {station: self._interface.measure_access(ratio) for station, ratio in ratios.items()}
+        for station in stations:
+            if station not in self._radios:
+                self._radios[station] = _StationRadio()
+        return ratios
 
     def _measure_traffic(self, tick: int, scene: RadioScene) -> OfferedTraffic:
-        own = [self._find_radio(station).measure_traffic(tick) for station in scene.stations]
+        known = (self._radios.get(station) for station in scene.stations)
+        own = [radio.measure_traffic(tick) if radio else (0.0, 0.0) for radio in known]
         rates = np.minimum(np.maximum(scene.speed / CAM_DISTANCE_M, SLOWEST_CAM_HZ), FASTEST_CAM_HZ)
         sizes = np.full(len(rates), self._measure_packet(BACKGROUND_BYTES)[1])
         return OfferedTraffic(
@@ -246,94 +274,86 @@ class RadioMedium:
                 )
             ),
         )  # fmt: skip
-        self._load_stations = stations
-        self._load_ratios = self._load.busy_ratio.tolist()
+        self._take_stations(stations)
 
-    def _find_radio(self, station: str) -> _StationRadio:
-        if station not in self._radios:
-            self._radios[station] = _StationRadio()
-        return self._radios[station]
-
-    def _queue(self, tick: int, one: Transmission, bill: _Bill, row: int) -> float:
+    def _queue(self, tick: int, one: Transmission, bill: _Bill) -> float:
         """Put a message into the queue of its sender; return when it is on air [s], infinite if it expires.
 
         Packets that end in time take the channel, even if a later one of the message does not; the others do not.
         """
-        radio, interface = self._find_radio(one.sender), self._interface
-        access_s = interface.measure_access(self._load_ratios[row])
-        ready_s = tick * DT
+        radio, wait_s = self._radios[one.sender], self._interface.wait_s
+        access_s, ready_s = self._access_s[one.sender], tick * DT
         for airtime_s, (count, size) in zip(bill.airtimes, bill.counts, strict=True):
             opening_s = radio.opening_s if one.is_gated else ready_s
             end_s = max(ready_s, radio.free_s, opening_s) + access_s + airtime_s
-            if end_s + interface.wait_s > ready_s + LIFETIME_S:
+            if end_s + wait_s > ready_s + LIFETIME_S:
                 return math.inf
             radio.free_s = end_s
             if one.is_gated:
                 radio.opening_s = radio.gate.find_opening(end_s, airtime_s)
             radio.sent.append((tick, count, size))
             radio.count += count
-        return radio.free_s + interface.wait_s
+        return radio.free_s + wait_s
 
-    def _find_causes(
-        self,
-        transmissions: Sequence[Transmission],
-        bills: Sequence[_Bill],
-        column: Mapping[str, int],
-        picture: RadioPicture,
-    ) -> list[list[int]]:
-        """Return for each message and station the index of its `RadioLoss`, or their number if it arrives.
 
-        A packet of s bytes survives path loss with (1 - PER)^(s / 350), so a message with the sum of its bytes; the
-        other causes add up likewise. -log(1 - luck) of a luck is compared with the sums of -log of what survives.
-        """
-        n, load = len(column), self._load
-        rows = np.array([column[one.sender] for one in transmissions], dtype=np.intp)
-        share, packets, size = np.array([bill[2:] for bill in bills]).T[:, :, None]
-        snr = picture.power_dbm[:, :n].T - self._interface.noise_dbm
-        error = self._errors.compute(snr, picture.classes[:, :n].T, CURVE_BYTES)
-        fades = -portable.log(np.maximum(1.0 - error, 1e-300))
-        collisions = size if isinstance(self._interface, SidelinkInterface) else packets
+@twin
+def find_losses(
+    transmissions: list[Transmission],
+    bills: list[_Bill],
+    columns: dict[str, int],
+    losses: tuple[RadioLoss, ...],
+    power_dbm: Float,
+    classes: Classes,
+    curves: Float,
+    first_db: float,
+    noise_dbm: float,
+    collision_per_packet: Float,
+    collision_per_second: Float,
+    busy_per_packet: Float,
+    half_duplex_per_packet: Float,
+    half_duplex_per_second: Float,
+    /,
+) -> list[dict[str, RadioLoss]]:
+    """Return for each message the receivers that do not get it, and why.
+
+    columns: of the n stations, by name. losses: all, in their order. power_dbm, classes: (n, K) as `RadioPicture`.
+    curves: as `PacketErrorModel`, from `first_db`. The others: (n, n) as `ChannelLoad`.
+
+    A packet of s bytes survives path loss with (1 - PER)^(s / 350), so a message with the sum of its bytes; the
+    other causes add up likewise. -log(1 - luck) of a luck is compared with the sums of -log of what survives.
+    """
+    n = len(power_dbm)
+    error = interpolate(curves, first_db, power_dbm[:, :n].T - noise_dbm, classes[:, :n].T)
+    fades = -portable.log(np.maximum(1.0 - error, 1e-300))
+    found: list[dict[str, RadioLoss]] = []
+    for one, bill in zip(transmissions, bills, strict=True):
+        row, to = columns[one.sender], [columns[receiver] for receiver in one.receivers]
         risks = (
-            share * fades[rows],
-            packets * load.busy_per_packet[rows],
-            packets * load.half_duplex_per_packet[rows] + size * load.half_duplex_per_second[rows],
-            collisions * load.collision_per_packet[rows] + size * load.collision_per_second[rows],
+            bill.share * fades[row, to],
+            bill.packets * busy_per_packet[row, to],
+            bill.packets * half_duplex_per_packet[row, to] + bill.size * half_duplex_per_second[row, to],
+            bill.colliding * collision_per_packet[row, to] + bill.size * collision_per_second[row, to],
         )
-        lucks = np.array([_spread_lucks(one, column, n) for one in transmissions])
-        threshold, total = -portable.log(1.0 - lucks), np.zeros_like(lucks)
-        causes = np.zeros(lucks.shape, dtype=np.intp)
+        threshold, total = -portable.log(1.0 - np.array(one.lucks)), np.zeros(len(to))
+        causes = np.zeros(len(to), dtype=np.intp)
         for risk in risks:
             total = total + risk
             causes += threshold >= total
-        return [row.tolist() for row in causes]
+        reached = zip(one.receivers, causes.tolist(), strict=True)
+        found.append({receiver: losses[cause] for receiver, cause in reached if cause < len(losses)})
+    return found
 
 
-def _spread_lucks(one: Transmission, column: Mapping[str, int], count: int) -> list[float]:
-    """Return the random numbers of a message by station; 0 for those that are no receivers."""
-    lucks = [0.0] * count
-    for receiver, luck in zip(one.receivers, one.lucks, strict=True):
-        lucks[column[receiver]] = luck
-    return lucks
-
-
-def _list_links(stations: Sequence[str], picture: RadioPicture, row: int) -> dict[str, AirLink]:
-    """Return the links of a station to all others."""
-    n = len(stations)
-    kinds, levels = picture.classes[:n, row].tolist(), np.rint(picture.power_dbm[:n, row]).tolist()
-    links = {
-        station: AirLink(_CLASSES[kind], int(level))
-        for station, kind, level in zip(stations, kinds, levels, strict=True)
-    }
-    del links[stations[row]]
+def _list_links(stations: Sequence[str], picture: RadioPicture) -> dict[str, dict[str, AirLink]]:
+    """Return the links of each station to all others."""
+    n, links = len(stations), dict[str, dict[str, AirLink]]()
+    levels = np.rint(picture.power_dbm[:, :n]).tolist()
+    for station, kinds, row in zip(stations, picture.classes[:, :n].tolist(), levels, strict=True):
+        links[station] = dict(zip(stations, map(_find_link, kinds, row), strict=True))
+        del links[station][station]
     return links
 
 
-_CLASSES = tuple(LinkClass)
-
-
-def _name_losses(one: Transmission, column: Mapping[str, int], causes: list[int]) -> dict[str, RadioLoss]:
-    """Return the receivers that do not get a message."""
-    if min(causes, default=0) == len(_LOSSES):
-        return {}
-    found = ((receiver, causes[column[receiver]]) for receiver in one.receivers)
-    return {receiver: _LOSSES[cause] for receiver, cause in found if cause < len(_LOSSES)}
+@lru_cache(maxsize=4096)
+def _find_link(kind: int, level_dbm: float) -> AirLink:
+    return AirLink(LinkClass(kind), int(level_dbm))
