@@ -50,10 +50,14 @@ def assume_vehicle_height(length: float) -> float:
     return CAR_M if length < VAN_LENGTH_M else VAN_M if length < TRUCK_LENGTH_M else TRUCK_M
 
 
+def assume_vehicle_heights(length: Float) -> Float:
+    """Heights (N,) [m] assumed for vehicles of these lengths [m]."""
+    return np.where(length < VAN_LENGTH_M, CAR_M, np.where(length < TRUCK_LENGTH_M, VAN_M, TRUCK_M))
+
+
 def assume_heights(kind: npt.NDArray[np.uint8], length: Float) -> Float:
     """Heights (N,) [m] assumed for boxes of these kinds and lengths [m]."""
-    of_vehicles = np.where(length < VAN_LENGTH_M, CAR_M, np.where(length < TRUCK_LENGTH_M, VAN_M, TRUCK_M))
-    return np.where(kind == Kind.VEHICLE, of_vehicles, HEIGHT_OF_KIND_M[kind])
+    return np.where(kind == Kind.VEHICLE, assume_vehicle_heights(length), HEIGHT_OF_KIND_M[kind])
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 /* Twin of link_classes.py. Boxes and buildings whose circle a line of sight does not reach are passed over. */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "../core/compiled/values.h"
 #include "../core/portable.h"
@@ -27,7 +28,8 @@ typedef struct {
     Blocker *boxes;
     double *x, *y, *reach;
     Py_ssize_t *rows;
-    unsigned char *reached;
+    unsigned char *reached; /* and zeros up to a whole word */
+    double highest; /* of their tops */
 } Blockers;
 
 static bool reaches_circle(const Ray *ray, double x, double y, double radius) {
@@ -92,7 +94,7 @@ static bool open_blockers(const Array *array, Blockers *all) {
     Py_ssize_t most = array->shape[0];
     double *numbers = malloc((3 * most + 1) * sizeof *numbers);
     *all = (Blockers){0, malloc((most + 1) * sizeof *all->boxes), numbers, numbers + most, numbers + 2 * most,
-                      malloc((most + 1) * sizeof *all->rows), malloc(most + 1)};
+                      malloc((most + 1) * sizeof *all->rows), calloc(most + sizeof(uint64_t), 1), 0.0};
     bool is_valid = all->boxes && numbers && all->rows && all->reached;
     if (!is_valid) PyErr_NoMemory();
     for (Py_ssize_t i = 0; is_valid && i < most; i++) {
@@ -110,6 +112,7 @@ static bool open_blockers(const Array *array, Blockers *all) {
         all->y[n] = row[1];
         all->reach[n] = sqrt(length * length + width * width) + MARGIN_M;
         all->rows[n] = i;
+        if (row[5] > all->highest) all->highest = row[5];
     }
     if (!is_valid) close_blockers(all);
     return is_valid;
@@ -122,10 +125,16 @@ static double find_top(const Ray *ray, const Blockers *all, int64_t carrier, int
         double along = px * ray->dx + py * ray->dy, aside = px * ray->dy - py * ray->dx;
         all->reached[i] = !((fabs(aside) > most) | (-along > most) | (along - square > most));
     }
-    for (Py_ssize_t i = 0; i < all->count; i++)
-        if (all->reached[i] && all->boxes[i].top > top && all->rows[i] != carrier && all->rows[i] != other &&
-            crosses_box(ray, all->boxes + i))
-            top = all->boxes[i].top;
+    for (Py_ssize_t first = 0; first < all->count && top < all->highest; first += sizeof(uint64_t)) {
+        uint64_t word;
+        memcpy(&word, all->reached + first, sizeof word);
+        for (; word; word &= word - 1) {
+            Py_ssize_t i = first + __builtin_ctzll(word) / 8;
+            if (all->boxes[i].top > top && all->rows[i] != carrier && all->rows[i] != other &&
+                crosses_box(ray, all->boxes + i))
+                top = all->boxes[i].top;
+        }
+    }
     return top;
 }
 

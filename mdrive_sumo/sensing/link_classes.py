@@ -7,7 +7,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.sensing.lidar_world import assume_heights
+from mdrive_sumo.sensing.lidar_world import assume_vehicle_heights
 from mdrive_sumo.sensing.sensing_frame import LOW_M
 from mdrive_sumo.v2x.radio.path_loss import Classes, LinkClass
 
@@ -19,8 +19,11 @@ def list_blockers(boxes: Objects) -> Float:
     """
     longest = np.maximum(boxes.length, boxes.width)
     blocks = (boxes.kind == Kind.VEHICLE) | ((boxes.kind == Kind.STATIC) & (longest > LOW_M))
-    height = np.where(blocks, assume_heights(np.zeros_like(boxes.kind), longest), 0.0)
-    return np.array((boxes.x, boxes.y, boxes.yaw, boxes.length, boxes.width, height)).T
+    rows = np.empty((len(longest), 6))
+    columns = boxes.x, boxes.y, boxes.yaw, boxes.length, boxes.width, assume_vehicle_heights(longest) * blocks
+    for i, column in enumerate(columns):
+        rows[:, i] = column
+    return rows
 
 
 @twin

@@ -10,7 +10,7 @@ from mdrive_sumo.core.seeding import draw_first_uniform
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.building_edges import BuildingEdges
-from mdrive_sumo.sensing.lidar_world import assume_heights
+from mdrive_sumo.sensing.lidar_world import assume_vehicle_heights
 from mdrive_sumo.sensing.link_classes import classify_links, list_blockers
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
 from mdrive_sumo.sensing.street_corners import StreetCorners
@@ -39,6 +39,11 @@ class RadioSceneBuilder:
             StreetCorners(roads, self._edges) if settings.corner_model is CornerModel.VIRTUAL_SOURCE else None
         )
         self._connected: dict[str, bool] = {}
+        """Whether a background vehicle is connected: for the whole episode."""
+        self._ids: tuple[str, ...] = ()
+        """Of the boxes in the tick before. What follows from them stays while they do: nobody changes size."""
+        self._blockers, self._roofs = np.zeros((0, 6)), np.zeros(0)
+        self._background: list[int] = []
 
     def build(
         self,
@@ -56,16 +61,17 @@ class RadioSceneBuilder:
         row_by_id = {name: row for row, name in enumerate(frame.egos)}
         stations = tuple(sorted((*cavs, *roadside)))
         own = [row_by_id[name] if name not in roadside else -1 for name in stations]
-        background = self._list_background(frame) if with_background else []
+        self._follow_boxes(frame)
+        background = self._background if with_background else []
         carriers = np.array([*own, *background], dtype=np.int64)
-        xy = np.array((boxes.x[carriers], boxes.y[carriers])).T.copy()
-        of_vehicles = assume_heights(np.zeros(len(carriers), dtype=np.uint8), boxes.length[carriers])
-        height = np.where(carriers < 0, ROADSIDE_ANTENNA_M, of_vehicles)
+        xy = np.empty((len(carriers), 2))
+        xy[:, 0], xy[:, 1] = boxes.x[carriers], boxes.y[carriers]
+        height = self._roofs[carriers]
         for i, name in enumerate(stations):
             if name in roadside:
-                xy[i] = roadside[name]
+                xy[i], height[i] = roadside[name], ROADSIDE_ANTENNA_M
         edges = self._edges
-        links = classify_links(xy, carriers, len(own), list_blockers(boxes), edges.walls, edges.ends, edges.circles)
+        links = classify_links(xy, carriers, len(own), self._blockers, edges.walls, edges.ends, edges.circles)
         corners = self._measure_corners(xy[: len(own)], height, links[0]) if self._corners is not None else None
         return RadioScene(stations, xy, height, boxes.speed[background], *links, corners)
 
@@ -79,19 +85,23 @@ class RadioSceneBuilder:
             losses[i, k] = losses[k, i] = self._corners.compute_loss(places[i], places[k], middle_m)
         return losses
 
+    def _follow_boxes(self, frame: SensingFrame) -> None:
+        """Take what blocks lines of sight, roofs [m], and background vehicles from the boxes of this tick."""
+        boxes = frame.boxes
+        if boxes.ids != self._ids:
+            self._ids, self._blockers = boxes.ids, list_blockers(boxes)
+            self._roofs, self._background = assume_vehicle_heights(boxes.length), self._list_background(frame)
+        else:
+            for i, column in enumerate((boxes.x, boxes.y, boxes.yaw)):
+                self._blockers[:, i] = column
+
     def _list_background(self, frame: SensingFrame) -> list[int]:
         """Return the rows of connected background vehicles, by name."""
-        share = self._settings.connected_background
-        if share == 0.0:
+        if self._settings.connected_background == 0.0:
             return []
-        ids, vehicles = frame.boxes.ids, np.flatnonzero(frame.boxes.kind == Kind.VEHICLE).tolist()
-        rows = [row for row in vehicles if row >= len(frame.egos) and self._is_connected(ids[row])]
-        return sorted(rows, key=ids.__getitem__)
-
-    def _is_connected(self, name: str) -> bool:
-        """Return whether a background vehicle is connected, as it is during the whole episode."""
-        found = self._connected.get(name)
-        if found is None:
+        ids, connected = frame.boxes.ids, self._connected
+        vehicles = [row for row in np.flatnonzero(frame.boxes.kind == Kind.VEHICLE).tolist() if row >= len(frame.egos)]
+        for name in [ids[row] for row in vehicles if ids[row] not in connected]:
             luck = draw_first_uniform(self._seed, "connected", name)
-            found = self._connected[name] = luck < self._settings.connected_background
-        return found
+            connected[name] = luck < self._settings.connected_background
+        return sorted([row for row in vehicles if connected[ids[row]]], key=ids.__getitem__)

@@ -132,10 +132,25 @@ static PyObject *v2x_channel_select_reached(PyObject *module, PyObject *const *a
     return NULL;
 }
 
+static PyObject *v2x_channel_hand_over(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    if (!expect_arguments("hand_over", count, 6, 6) || !is_dict(arguments[2]) || !is_dict(arguments[3])) return NULL;
+    Py_ssize_t receivers = PyList_Size(arguments[0]);
+    bool is_valid = receivers >= 0 && PyList_Size(arguments[1]) == receivers;
+    if (!is_valid && !PyErr_Occurred()) PyErr_SetString(PyExc_ValueError, "expected a message of each receiver");
+    for (Py_ssize_t i = 0; is_valid && i < receivers; i++) {
+        PyObject *receiver = PyList_GetItem(arguments[0], i);
+        PyObject *inbox = PyDict_GetItemWithError(arguments[2], receiver);
+        is_valid = !PyErr_Occurred() && !PyDict_SetItem(arguments[3], receiver, arguments[inbox ? 4 : 5]) &&
+                   (!inbox || !PyList_Append(inbox, PyList_GetItem(arguments[1], i)));
+    }
+    return is_valid ? new_reference(&_Py_NoneStruct) : NULL;
+}
+
 Functions v2x_channel = {
     FUNCTION(v2x_channel_sign_messages),
     FUNCTION(v2x_channel_measure_distances),
     FUNCTION(v2x_channel_draw_lucks),
     FUNCTION(v2x_channel_select_reached),
+    FUNCTION(v2x_channel_hand_over),
     END_OF_FUNCTIONS,
 };

@@ -5,6 +5,7 @@ from collections import Counter, deque
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum, auto
+from types import MappingProxyType
 from typing import NamedTuple
 
 from mdrive_sumo.contract import Message
@@ -15,7 +16,7 @@ from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import FLOOD, displace_message
 from mdrive_sumo.v2x.radio.path_loss import RadioEnvironment
-from mdrive_sumo.v2x.radio.radio_medium import AirLink, BusyRatio, RadioMedium, Transmission
+from mdrive_sumo.v2x.radio.radio_medium import AirLink, BusyRatio, RadioLoss, RadioMedium, Transmission
 from mdrive_sumo.v2x.radio.radio_scene import RadioScene
 from mdrive_sumo.v2x.shared_reading import find_shared_problem
 
@@ -83,9 +84,14 @@ class _RadioEntry(NamedTuple):
     n: int
     others: dict[str, float]
     """Distances [m] by receiver."""
+    receivers: tuple[str, ...]
     deliveries: dict[str, Delivery]
-    links: list[Mapping[str, AirLink]]
-    """Filled with the links of the sender to all stations."""
+    place: int
+    """Of the message in the log, which gets the links of the sender to all stations."""
+
+
+_NO_LINKS: Mapping[str, AirLink] = MappingProxyType({})
+"""Of a message that no radio has sent."""
 
 
 class _Flight(NamedTuple):
@@ -111,7 +117,7 @@ class Channel:
         """(seed, sender, n) -> the latest block of ticks, the receivers, and their random numbers; a pure cache."""
         self._budgets: dict[str, _Budget] = {}
         self._flights: dict[int, list[_Flight]] = {}
-        self._log: list[tuple[Message, dict[str, Delivery], list[Mapping[str, AirLink]]]] = []
+        self._log: list[tuple[Message, dict[str, Delivery], Mapping[str, AirLink]]] = []
 
     def send(
         self,
@@ -131,15 +137,15 @@ class Channel:
         waiting: list[_RadioEntry] = []
         for sender in sorted(outgoing):
             others = measure_distances(positions, sender, receiver_ids)
+            names = tuple(others)
             for n, message in enumerate(sign_messages(outgoing[sender], sender, tick)):
                 deliveries: dict[str, Delivery] = {}
-                links: list[Mapping[str, AirLink]] = []
-                self._log.append((message, deliveries, links))
+                self._log.append((message, deliveries, _NO_LINKS))
                 stopped = self._find_drop_reason(message)
                 if stopped is not None:
                     deliveries.update(dict.fromkeys(others, Delivery(stopped, tick)))
                 elif self._radio is not None:
-                    waiting.append(_RadioEntry(message, n, others, deliveries, links))
+                    waiting.append(_RadioEntry(message, n, others, names, deliveries, len(self._log) - 1))
                 else:
                     self._transmit(message, n, others, deliveries)
         if waiting:
@@ -155,26 +161,27 @@ class Channel:
             raise ValueError("channel: expected the scene of a radio")
         sent = [
             Transmission(
-                one.message.sender,
-                len(one.message.payload),
-                tuple(one.others),
-                self._draw_lucks(self._radio_seed, one.message, one.n, tuple(one.others)),
-                one.message.type != FLOOD,
+                message.sender,
+                len(message.payload),
+                receivers,
+                self._draw_lucks(self._radio_seed, message, n, receivers),
+                message.type != FLOOD,
             )
-            for one in waiting
+            for message, n, _, receivers, _, _ in waiting
         ]
-        for one, reception in zip(waiting, self._radio.transmit(tick, scene, sent), strict=True):
-            one.links.append(reception.links)
-            if math.isinf(reception.arrival_s):
-                one.deliveries.update(dict.fromkeys(one.others, Delivery(DeliveryStatus.EXPIRED, tick)))
+        lost = {loss: Delivery(DeliveryStatus(loss), tick) for loss in RadioLoss}
+        receptions = self._radio.transmit(tick, scene, sent)
+        for (message, n, others, receivers, deliveries, place), (arrival_s, losses, links) in zip(
+            waiting, receptions, strict=True
+        ):
+            self._log[place] = message, deliveries, links
+            if arrival_s == math.inf:
+                deliveries.update(dict.fromkeys(receivers, Delivery(DeliveryStatus.EXPIRED, tick)))
                 continue
-            others = one.others
-            if reception.losses:
-                lost = {name: Delivery(DeliveryStatus(loss), tick) for name, loss in reception.losses.items()}
-                one.deliveries.update(lost)
-                others = {name: distance for name, distance in others.items() if name not in lost}
-            arrival = math.ceil(reception.arrival_s * TICKS_PER_SECOND)
-            self._transmit(one.message, one.n, others, one.deliveries, arrival)
+            if losses:
+                deliveries.update({name: lost[loss] for name, loss in losses.items()})
+                others = {name: distance for name, distance in others.items() if name not in losses}
+            self._transmit(message, n, others, deliveries, math.ceil(arrival_s * TICKS_PER_SECOND))
 
     def _find_drop_reason(self, message: Message) -> DeliveryStatus | None:
         """Return why a message reaches no receiver; None if it is transmitted."""
@@ -201,8 +208,11 @@ class Channel:
         earliest: tick of the earliest delivery.
         """
         link = self._comm.find_link(message.type)
-        lucks = self._draw_lucks(self._seed, message, n, tuple(others)) if link.loss else ()
-        reached = select_reached(message.tick, others, link.range_m, link.loss, lucks, deliveries)
+        if link.loss or link.range_m < math.inf:
+            lucks = self._draw_lucks(self._seed, message, n, tuple(others)) if link.loss else ()
+            reached = select_reached(message.tick, others, link.range_m, link.loss, lucks, deliveries)
+        else:
+            reached = list(others)
         if reached:
             flight = _Flight(message, n, reached, deliveries)
             due = max(message.tick + max(link.latency_ticks, 1), earliest)
@@ -227,12 +237,11 @@ class Channel:
         arrived, gone = Delivery(DeliveryStatus.DELIVERED, tick), Delivery(DeliveryStatus.GONE, tick)
         for flight in self._pop_due(tick):
             link = self._comm.find_link(flight.message.type)
-            wrong = link.pose_error_m or link.pose_error_deg
-            for receiver in flight.receivers:
-                inbox = inboxes.get(receiver)
-                flight.deliveries[receiver] = gone if inbox is None else arrived
-                if inbox is not None:
-                    inbox.append(self._add_pose_error(link, flight, receiver) if wrong else flight.message)
+            if link.pose_error_m or link.pose_error_deg:
+                received = [self._add_pose_error(link, flight, receiver) for receiver in flight.receivers]
+            else:
+                received = [flight.message] * len(flight.receivers)
+            hand_over(flight.receivers, received, inboxes, flight.deliveries, arrived, gone)
         return {receiver: tuple(inbox) for receiver, inbox in inboxes.items()}
 
     def _pop_due(self, tick: int) -> list[_Flight]:
@@ -256,7 +265,7 @@ class Channel:
     def sent_messages(self) -> tuple[SentMessage, ...]:
         """Return all sent messages in order; messages in transit have no status for their receivers yet."""
         return tuple(
-            SentMessage(message, dict(deliveries), {name: over[name] for over in links for name in deliveries})
+            SentMessage(message, dict(deliveries), {name: links[name] for name in deliveries} if links else {})
             for message, deliveries, links in self._log
         )
 
@@ -309,6 +318,24 @@ def select_reached(
         else:
             reached.append(receiver)
     return reached
+
+
+@twin
+def hand_over(
+    receivers: list[str],
+    messages: list[Message],
+    inboxes: dict[str, list[Message]],
+    deliveries: dict[str, Delivery],
+    arrived: Delivery,
+    gone: Delivery,
+    /,
+) -> None:
+    """Put the message of each receiver into its inbox, and what became of it among the deliveries."""
+    for receiver, message in zip(receivers, messages, strict=True):
+        inbox = inboxes.get(receiver)
+        deliveries[receiver] = gone if inbox is None else arrived
+        if inbox is not None:
+            inbox.append(message)
 
 
 class _Budget:

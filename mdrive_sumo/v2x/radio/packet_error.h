@@ -2,8 +2,6 @@
 #ifndef MDRIVE_PACKET_ERROR_H
 #define MDRIVE_PACKET_ERROR_H
 
-#include <math.h>
-
 enum { CURVES = 3 }; /* by class of the link */
 static const double STEP_DB = 0.5;
 
@@ -13,13 +11,15 @@ typedef struct {
     double first_db;
 } ErrorCurves;
 
+/* For a finite SINR. Without branches: what interferes is now strong, now weak. */
 static inline double interpolate_curve(const ErrorCurves *curves, double sinr_db, unsigned char kind) {
-    double place = (sinr_db - curves->first_db) / STEP_DB;
-    if (!(place >= 0.0)) return isnan(place) ? place : 1.0;
-    double inside = place < curves->points - 1.0 ? place : curves->points - 1.0;
-    int row = (int)inside < curves->points - 2 ? (int)inside : curves->points - 2;
+    double place = (sinr_db - curves->first_db) / STEP_DB, last = curves->points - 1.0;
+    double inside = place > 0.0 ? place : 0.0;
+    inside = inside < last ? inside : last;
+    int whole = (int)inside, row = whole < curves->points - 2 ? whole : curves->points - 2;
     double share = inside - row;
     const double *values = curves->values + kind * curves->points + row;
-    return values[0] * (1.0 - share) + values[1] * share;
+    double value = values[0] * (1.0 - share) + values[1] * share;
+    return place < 0.0 ? 1.0 : value;
 }
 #endif

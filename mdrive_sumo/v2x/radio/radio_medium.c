@@ -41,7 +41,7 @@ static int find_cause(const Air *air, Py_ssize_t row, Py_ssize_t to, const doubl
         [COLLISION] = colliding * air->risks[COLLISION_PER_PACKET][place] +
                       size * air->risks[COLLISION_PER_SECOND][place],
     };
-    if (isnan(threshold) || isnan(error)) return -1;
+    if (isnan(threshold) || !isfinite(air->power[heard] - air->noise_dbm)) return -1;
     double total = 0.0;
     int cause = 0;
     for (int i = 0; i < LOSSES; i++) {

@@ -101,18 +101,24 @@ class _StationRadio:
     """When the packet before is on air."""
     opening_s: float = 0.0
     """When congestion control lets the next packet go."""
-    sent: deque[tuple[int, int, float]] = field(default_factory=deque[tuple[int, int, float]])
-    """(tick, packets or blocks, their airtime [s] or sub-channels) of the last second."""
+    sent: deque[tuple[int, int, int]] = field(default_factory=deque[tuple[int, int, int]])
+    """(tick, packets or blocks, their airtime [s] or sub-channels, times `EXACT`) of the last second."""
     count: int = 0
     """Packets or blocks in `sent`."""
+    size: int = 0
+    """Airtime or sub-channels in `sent`, times `EXACT`."""
 
     def measure_traffic(self, tick: int) -> tuple[float, float]:
         """Return packets per second and their mean size, of the last second or since the first message."""
         while self.sent and self.sent[0][0] <= tick - TICKS_PER_SECOND:
-            self.count -= self.sent.popleft()[1]
-        count = self.count
+            _, count, size = self.sent.popleft()
+            self.count, self.size = self.count - count, self.size - size
         span_s = min(max(tick, 1), TICKS_PER_SECOND) * DT
-        return (count / span_s, math.fsum([size for _, _, size in self.sent]) / count) if count else (0.0, 0.0)
+        return (self.count / span_s, self.size / EXACT / self.count) if self.count else (0.0, 0.0)
+
+
+EXACT: Final = 1 << 80
+"""Times that, airtimes and sub-channels are integers, so that sums of what comes and goes have no error."""
 
 
 class _Bill(NamedTuple):
@@ -120,8 +126,8 @@ class _Bill(NamedTuple):
 
     airtimes: tuple[float, ...]
     """Of its packets [s]."""
-    counts: tuple[tuple[int, float], ...]
-    """Of each packet: 1 and its airtime [s]; LTE-V2X: its transport blocks and their sub-channels."""
+    counts: tuple[tuple[int, int], ...]
+    """Of each packet: 1 and its airtime [s]; LTE-V2X: its transport blocks and their sub-channels; times `EXACT`."""
     share: float
     """Its bytes with all headers, in packets of the error curves."""
     packets: float
@@ -195,11 +201,11 @@ class RadioMedium:
         if bill is None:
             interface = self._interface
             sizes = split_message(payload_bytes, interface.header_bytes)
-            counts = tuple(self._measure_packet(size) for size in sizes)
-            packets, size = float(sum(count for count, _ in counts)), math.fsum(size for _, size in counts)
+            measured = [self._measure_packet(size) for size in sizes]
+            packets, size = float(sum(count for count, _ in measured)), math.fsum(size for _, size in measured)
             bill = self._bills[payload_bytes] = _Bill(
                 tuple(interface.measure_airtime(size) for size in sizes),
-                counts,
+                tuple((count, int(size * EXACT)) for count, size in measured),
                 sum(sizes) / CURVE_BYTES,
                 packets,
                 size,
@@ -281,18 +287,21 @@ class RadioMedium:
 
         Packets that end in time take the channel, even if a later one of the message does not; the others do not.
         """
-        radio, wait_s = self._radios[one.sender], self._interface.wait_s
+        radio, wait_s, is_gated = self._radios[one.sender], self._interface.wait_s, one.is_gated
         access_s, ready_s = self._access_s[one.sender], tick * DT
         for airtime_s, (count, size) in zip(bill.airtimes, bill.counts, strict=True):
-            opening_s = radio.opening_s if one.is_gated else ready_s
-            end_s = max(ready_s, radio.free_s, opening_s) + access_s + airtime_s
+            begin_s = radio.free_s if radio.free_s > ready_s else ready_s
+            if is_gated and radio.opening_s > begin_s:
+                begin_s = radio.opening_s
+            end_s = begin_s + access_s + airtime_s
             if end_s + wait_s > ready_s + LIFETIME_S:
                 return math.inf
             radio.free_s = end_s
-            if one.is_gated:
+            if is_gated:
                 radio.opening_s = radio.gate.find_opening(end_s, airtime_s)
             radio.sent.append((tick, count, size))
             radio.count += count
+            radio.size += size
         return radio.free_s + wait_s
 
 
