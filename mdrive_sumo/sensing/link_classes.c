@@ -14,28 +14,74 @@ typedef struct {
     double x, y, dx, dy, length;
 } Ray;
 
-/* More than rounding moves what a circle bounds [m]. */
-static const double MARGIN_M = 1e-3;
-
 typedef struct {
     double x, y, half_length, half_width, top;
     CosSin yaw;
 } Blocker;
 
-/* Boxes that block; their circles are columns, which a processor tests several at a time. */
+/* Circles round what may block, as a station sees them. Whether a line reaches them is computed roughly, several at a
+   time; the margin is more than rounding moves them. */
+typedef struct {
+    Py_ssize_t count;
+    const double **circles; /* x, y, radius [m] of each */
+    float *x, *y, *reach;   /* from the station */
+    unsigned char *reached; /* by the present line; and zeros up to a whole word */
+} Circles;
+
 typedef struct {
     Py_ssize_t count;
     Blocker *boxes;
-    double *x, *y, *reach;
+    double *circles;
     Py_ssize_t *rows;
-    unsigned char *reached; /* and zeros up to a whole word */
     double highest; /* of their tops */
 } Blockers;
 
-static bool reaches_circle(const Ray *ray, double x, double y, double radius) {
-    double px = x - ray->x, py = y - ray->y, most = (radius + MARGIN_M) * ray->length;
-    double along = px * ray->dx + py * ray->dy, aside = px * ray->dy - py * ray->dx;
-    return !(aside > most || -aside > most || -along > most || along - ray->length * ray->length > most);
+static void close_circles(Circles *all) {
+    free(all->circles);
+    free(all->x);
+    free(all->reached);
+}
+
+static bool open_circles(Circles *all, const double *circles, Py_ssize_t count) {
+    float *numbers = malloc((3 * count + 1) * sizeof *numbers);
+    *all = (Circles){count, malloc((count + 1) * sizeof *all->circles), numbers, numbers + count, numbers + 2 * count,
+                     calloc(count + sizeof(uint64_t), 1)};
+    if (!all->circles || !numbers || !all->reached) {
+        close_circles(all);
+        PyErr_NoMemory();
+        return false;
+    }
+    for (Py_ssize_t i = 0; i < count; i++) all->circles[i] = circles + 3 * i;
+    return true;
+}
+
+static void approach(Circles *all, const double *station) {
+    for (Py_ssize_t i = 0; i < all->count; i++) {
+        double px = all->circles[i][0] - station[0], py = all->circles[i][1] - station[1];
+        all->x[i] = (float)px;
+        all->y[i] = (float)py;
+        all->reach[i] = (float)(all->circles[i][2] + 1e-2 + 1e-6 * (fabs(px) + fabs(py)));
+    }
+}
+
+static void mark_reached(Circles *all, const Ray *ray) {
+    float ux = (float)(ray->dx / ray->length), uy = (float)(ray->dy / ray->length), length = (float)ray->length;
+    const float *restrict x = all->x, *restrict y = all->y, *restrict reach = all->reach;
+    unsigned char *restrict reached = all->reached;
+    for (Py_ssize_t i = 0; i < all->count; i++) {
+        float along = x[i] * ux + y[i] * uy, aside = x[i] * uy - y[i] * ux;
+        reached[i] = !((fabsf(aside) > reach[i]) | (-along > reach[i]) | (along - length > reach[i]));
+    }
+}
+
+/* The first circle from `first` on that is reached; `count` if there is none. */
+static Py_ssize_t find_reached(const Circles *all, Py_ssize_t first) {
+    for (; first < all->count; first += sizeof(uint64_t)) {
+        uint64_t word;
+        memcpy(&word, all->reached + first, sizeof word);
+        if (word) return first + __builtin_ctzll(word) / 8;
+    }
+    return all->count;
 }
 
 static bool crosses_box(const Ray *ray, const Blocker *box) {
@@ -73,29 +119,25 @@ static bool crosses_wall(const Ray *ray, double to_x, double to_y, const double 
 }
 
 static bool crosses_building(const Ray *ray, const double *to, const double *walls, const int64_t *ends,
-                             const double *circles, Py_ssize_t buildings) {
-    for (Py_ssize_t b = 0; b < buildings; b++) {
-        const double *circle = circles + 3 * b;
-        if (!reaches_circle(ray, circle[0], circle[1], circle[2])) continue;
+                             Circles *buildings) {
+    mark_reached(buildings, ray);
+    for (Py_ssize_t b = find_reached(buildings, 0); b < buildings->count; b = find_reached(buildings, b + 1))
         for (int64_t k = b ? ends[b - 1] : 0; k < ends[b]; k++)
             if (crosses_wall(ray, to[0], to[1], walls + 4 * k)) return true;
-    }
     return false;
 }
 
 static void close_blockers(Blockers *all) {
     free(all->boxes);
-    free(all->x);
+    free(all->circles);
     free(all->rows);
-    free(all->reached);
 }
 
 static bool open_blockers(const Array *array, Blockers *all) {
     Py_ssize_t most = array->shape[0];
-    double *numbers = malloc((3 * most + 1) * sizeof *numbers);
-    *all = (Blockers){0, malloc((most + 1) * sizeof *all->boxes), numbers, numbers + most, numbers + 2 * most,
-                      malloc((most + 1) * sizeof *all->rows), calloc(most + sizeof(uint64_t), 1), 0.0};
-    bool is_valid = all->boxes && numbers && all->rows && all->reached;
+    *all = (Blockers){0, malloc((most + 1) * sizeof *all->boxes), malloc((3 * most + 1) * sizeof *all->circles),
+                      malloc((most + 1) * sizeof *all->rows), 0.0};
+    bool is_valid = all->boxes && all->circles && all->rows;
     if (!is_valid) PyErr_NoMemory();
     for (Py_ssize_t i = 0; is_valid && i < most; i++) {
         const double *row = doubles(array) + BLOCKER_NUMBERS * i;
@@ -108,9 +150,8 @@ static bool open_blockers(const Array *array, Blockers *all) {
         double length = row[3] / 2, width = row[4] / 2;
         Py_ssize_t n = all->count++;
         all->boxes[n] = (Blocker){row[0], row[1], length, width, row[5], yaw};
-        all->x[n] = row[0];
-        all->y[n] = row[1];
-        all->reach[n] = sqrt(length * length + width * width) + MARGIN_M;
+        memcpy(all->circles + 3 * n, (double[]){row[0], row[1], sqrt(length * length + width * width)},
+               3 * sizeof(double));
         all->rows[n] = i;
         if (row[5] > all->highest) all->highest = row[5];
     }
@@ -118,23 +159,13 @@ static bool open_blockers(const Array *array, Blockers *all) {
     return is_valid;
 }
 
-static double find_top(const Ray *ray, const Blockers *all, int64_t carrier, int64_t other) {
-    double square = ray->length * ray->length, top = 0.0;
-    for (Py_ssize_t i = 0; i < all->count; i++) {
-        double px = all->x[i] - ray->x, py = all->y[i] - ray->y, most = all->reach[i] * ray->length;
-        double along = px * ray->dx + py * ray->dy, aside = px * ray->dy - py * ray->dx;
-        all->reached[i] = !((fabs(aside) > most) | (-along > most) | (along - square > most));
-    }
-    for (Py_ssize_t first = 0; first < all->count && top < all->highest; first += sizeof(uint64_t)) {
-        uint64_t word;
-        memcpy(&word, all->reached + first, sizeof word);
-        for (; word; word &= word - 1) {
-            Py_ssize_t i = first + __builtin_ctzll(word) / 8;
-            if (all->boxes[i].top > top && all->rows[i] != carrier && all->rows[i] != other &&
-                crosses_box(ray, all->boxes + i))
-                top = all->boxes[i].top;
-        }
-    }
+static double find_top(const Ray *ray, const Blockers *all, Circles *circles, int64_t carrier, int64_t other) {
+    double top = 0.0;
+    mark_reached(circles, ray);
+    for (Py_ssize_t i = find_reached(circles, 0); i < all->count && top < all->highest; i = find_reached(circles, i + 1))
+        if (all->boxes[i].top > top && all->rows[i] != carrier && all->rows[i] != other &&
+            crosses_box(ray, all->boxes + i))
+            top = all->boxes[i].top;
     return top;
 }
 
@@ -148,21 +179,23 @@ static bool are_buildings_valid(const Array *walls, const Array *ends, const Arr
 
 enum { PLACES, CARRIERS, BLOCKERS, WALLS, ENDS, CIRCLES, ARRAYS };
 
-static void fill_links(const Array *arrays, Py_ssize_t count, const Blockers *boxes, unsigned char *classes,
-                       double *tops) {
+static void fill_links(const Array *arrays, Py_ssize_t count, const Blockers *boxes, Circles *round_boxes,
+                       Circles *buildings, unsigned char *classes, double *tops) {
     Py_ssize_t stations = arrays[PLACES].shape[0];
     const double *places = doubles(arrays + PLACES);
     const int64_t *carriers = arrays[CARRIERS].data;
     for (Py_ssize_t i = 0; i < count; i++) {
+        const double *from = places + 2 * i;
+        approach(round_boxes, from);
+        approach(buildings, from);
         classes[i * stations + i] = LOS;
         tops[i * stations + i] = 0.0;
         for (Py_ssize_t k = i + 1; k < stations; k++) {
-            const double *from = places + 2 * i, *to = places + 2 * k;
+            const double *to = places + 2 * k;
             Ray ray = {from[0], from[1], to[0] - from[0], to[1] - from[1], 0.0};
             ray.length = sqrt(ray.dx * ray.dx + ray.dy * ray.dy);
-            bool is_hidden = crosses_building(&ray, to, doubles(arrays + WALLS), arrays[ENDS].data,
-                                              doubles(arrays + CIRCLES), arrays[ENDS].count);
-            double top = is_hidden ? 0.0 : find_top(&ray, boxes, carriers[i], carriers[k]);
+            bool is_hidden = crosses_building(&ray, to, doubles(arrays + WALLS), arrays[ENDS].data, buildings);
+            double top = is_hidden ? 0.0 : find_top(&ray, boxes, round_boxes, carriers[i], carriers[k]);
             unsigned char kind = is_hidden ? NLOSB : top > 0.0 ? NLOSV : LOS;
             classes[i * stations + k] = kind;
             tops[i * stations + k] = top;
@@ -172,6 +205,28 @@ static void fill_links(const Array *arrays, Py_ssize_t count, const Blockers *bo
             }
         }
     }
+}
+
+static PyObject *make_links(const Array *arrays, Py_ssize_t count) {
+    Blockers boxes;
+    Circles round_boxes = {0}, buildings = {0};
+    if (!open_blockers(arrays + BLOCKERS, &boxes)) return NULL;
+    PyObject *classes = NULL, *tops = NULL;
+    if (open_circles(&round_boxes, boxes.circles, boxes.count)) {
+        if (open_circles(&buildings, doubles(arrays + CIRCLES), arrays[CIRCLES].shape[0])) {
+            Py_ssize_t shape[] = {count, arrays[PLACES].shape[0]};
+            void *kinds, *heights;
+            classes = new_array('B', 2, shape, &kinds);
+            tops = classes ? new_array('d', 2, shape, &heights) : NULL;
+            if (tops) fill_links(arrays, count, &boxes, &round_boxes, &buildings, kinds, heights);
+            close_circles(&buildings);
+        }
+        close_circles(&round_boxes);
+    }
+    close_blockers(&boxes);
+    if (tops) return pack(2, classes, tops);
+    if (classes) Py_DecRef(classes);
+    return NULL;
 }
 
 static PyObject *sensing_link_classes_classify_links(PyObject *module, PyObject *const *arguments, Py_ssize_t given) {
@@ -189,20 +244,9 @@ static PyObject *sensing_link_classes_classify_links(PyObject *module, PyObject 
                arrays[BLOCKERS].shape[1] == BLOCKER_NUMBERS && count >= 0 && count <= arrays[PLACES].shape[0] &&
                are_buildings_valid(arrays + WALLS, arrays + ENDS, arrays + CIRCLES);
     if (!is_valid && !PyErr_Occurred()) PyErr_SetString(PyExc_ValueError, "expected stations, boxes and walls of buildings");
-    PyObject *classes = NULL, *tops = NULL;
-    Blockers boxes;
-    if (is_valid && open_blockers(arrays + BLOCKERS, &boxes)) {
-        Py_ssize_t shape[] = {count, arrays[PLACES].shape[0]};
-        void *kinds, *heights;
-        classes = new_array('B', 2, shape, &kinds);
-        tops = classes ? new_array('d', 2, shape, &heights) : NULL;
-        if (tops) fill_links(arrays, count, &boxes, kinds, heights);
-        close_blockers(&boxes);
-    }
+    PyObject *links = is_valid ? make_links(arrays, count) : NULL;
     while (opened--) close_array(arrays + opened);
-    if (tops) return pack(2, classes, tops);
-    if (classes) Py_DecRef(classes);
-    return NULL;
+    return links;
 }
 
 Functions sensing_link_classes = {
