@@ -28,7 +28,7 @@ __attribute__((constructor)) static void arrange_tables(void) {
     for (int i = 0; i <= ATAN_STEPS; i++) ATAN_TABLE[i] = tangents[i];
 }
 
-static double evaluate(const double *coefficients, int count, double x) {
+static inline double evaluate(const double *coefficients, int count, double x) {
     double value = coefficients[0] * x + coefficients[1];
     for (int i = 2; i < count; i++) value = value * x + coefficients[i];
     return value;
@@ -61,6 +61,36 @@ double portable_log(double x) {
     double share = (mantissa - 1.0) / (mantissa + 1.0), square = share * share;
     double tail = 2.0 * (share * square) * evaluate(ODD, 10, square);
     return power * LN2_HIGH + (2.0 * share + (tail + power * LN2_LOW));
+}
+
+/* Results are normal numbers where |x| is below that: then a power of two is added to the exponent, as ldexp does. */
+static const double MODERATE = 700.0;
+
+void portable_exp_all(const double *restrict x, double *restrict y, size_t count) {
+    const double shift = 6755399441055744.0; /* as round_even; the last bits of the sum are the integer */
+    for (size_t i = 0; i < count; i++) {
+        double shifted = x[i] * 1.44269504088896338700 + shift, power = shifted - shift;
+        double rest = x[i] - power * LN2_HIGH - power * LN2_LOW;
+        uint64_t bits = (__builtin_bit_cast(uint64_t, shifted) + 1023) << 52;
+        y[i] = (1.0 + (rest + rest * rest * evaluate(FACTORIALS, 12, rest))) * __builtin_bit_cast(double, bits);
+    }
+    for (size_t i = 0; i < count; i++)
+        if (!(fabs(x[i]) < MODERATE)) y[i] = portable_exp(x[i]);
+}
+
+void portable_log_all(const double *restrict x, double *restrict y, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        uint64_t bits = __builtin_bit_cast(uint64_t, x[i]), half = (bits & 0x000fffffffffffff) | 0x3fe0000000000000;
+        double mantissa = __builtin_bit_cast(double, half); /* in [0.5, 1) */
+        double power = __builtin_bit_cast(double, bits >> 52 | 0x4330000000000000) - (0x1p52 + 1022.0);
+        double is_low = mantissa < 0.7071067811865476 ? 1.0 : 0.0;
+        mantissa += mantissa * is_low, power -= is_low;
+        double share = (mantissa - 1.0) / (mantissa + 1.0), square = share * share;
+        double tail = 2.0 * (share * square) * evaluate(ODD, 10, square);
+        y[i] = power * LN2_HIGH + (2.0 * share + (tail + power * LN2_LOW));
+    }
+    for (size_t i = 0; i < count; i++)
+        if (!(x[i] >= 0x1p-1022 && x[i] < INFINITY)) y[i] = portable_log(x[i]);
 }
 
 static double portable_tan(double angle) {

@@ -3,6 +3,7 @@
 #define MDRIVE_PORTABLE_H
 
 #include <math.h>
+#include <stddef.h>
 #include <stdint.h>
 
 enum { TURN_STEPS = 1 << 14, ATAN_STEPS = 1 << 8 };
@@ -72,6 +73,9 @@ static inline double portable_hypot(double x, double y) { return sqrt(x * x + y 
 double portable_exp(double x);
 double portable_expm1(double x);
 double portable_log(double x);
+/* The same of many numbers, which a processor computes several at a time. */
+void portable_exp_all(const double *x, double *y, size_t count);
+void portable_log_all(const double *x, double *y, size_t count);
 
 /* As geometry.wrap_angle: into (-pi, pi]. */
 static inline double wrap_angle(double angle) {

@@ -19,34 +19,50 @@ typedef struct {
     const unsigned char *classes, *known;
     ErrorCurves curves;
     double noise_dbm, sensing_dbm;
-    /* (n, total) each: whether a station notices a sender, level of noise and sender [dBm], and, as the model needs
-       them, what an interferer may do while a station sends, without and with having heard it. */
-    double *detected, *disturbed, *hidden, *heard;
+    /* (n, total) each: whether a station notices a sender, which share of what it notices the other notices, level of
+       noise and sender [dBm], and, as the model needs them, what an interferer may do while a station sends, without
+       and with having heard it. */
+    double *detected, *overlap, *disturbed, *hidden, *heard;
     double *results[RESULTS];
 } Load;
 
-static double from_db(double level_db) { return portable_exp(level_db * (0.1 / PER_LN10)); }
+static const double PER_DB = 0.1 / PER_LN10;
 
-static double compute_normal_cdf(double x) {
-    double distance = fabs(x), t = 1.0 / (1.0 + 0.2316419 * distance);
-    double series = t * (0.319381530 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))));
-    double tail = portable_exp(-0.5 * distance * distance) * 0.3989422804014327 * series;
-    return x < 0.0 ? tail : 1.0 - tail;
-}
-
-static double compute_detection(const Load *load, Py_ssize_t i, Py_ssize_t k) {
+/* What follows from each level alone; false where one is no number. `work`: (n, total). */
+static bool compute_each(Load *load, double *restrict work) {
     static const double shadowing_db[] = {3.0, 3.0, 4.0};
-    if (i == k) return 0.0;
-    double margin = load->power[i * load->total + k] - load->sensing_dbm;
-    if (load->known[k]) return margin >= 0.0 ? 1.0 : 0.0;
-    return compute_normal_cdf(margin / shadowing_db[load->classes[i * load->total + k]]);
-}
-
-static double compute_overlap(const Load *load, Py_ssize_t place) {
-    double margin = load->power[place] - load->sensing_dbm;
-    margin = margin < -60.0 ? -60.0 : margin > 60.0 ? 60.0 : margin;
-    double overlap = 1.0 - 0.5 * from_db(-0.5 * margin);
-    return overlap > 0.0 ? overlap : 0.0;
+    size_t size = (size_t)(load->n * load->total);
+    double noise = portable_exp(load->noise_dbm * PER_DB), *overlap = load->overlap, *detected = load->detected;
+    for (size_t i = 0; i < size; i++) work[i] = load->power[i] * PER_DB;
+    portable_exp_all(work, load->disturbed, size);
+    for (size_t i = 0; i < size; i++) work[i] = noise + load->disturbed[i];
+    portable_log_all(work, load->disturbed, size);
+    for (size_t i = 0; i < size; i++) {
+        load->disturbed[i] = 10.0 * (load->disturbed[i] * PER_LN10);
+        double margin = load->power[i] - load->sensing_dbm;
+        margin = margin < -60.0 ? -60.0 : margin > 60.0 ? 60.0 : margin;
+        work[i] = -0.5 * margin * PER_DB;
+    }
+    portable_exp_all(work, overlap, size);
+    for (size_t i = 0; i < size; i++) {
+        if (!isfinite(load->disturbed[i])) return false;
+        overlap[i] = 1.0 - 0.5 * overlap[i] > 0.0 ? 1.0 - 0.5 * overlap[i] : 0.0;
+        double distance = fabs((load->power[i] - load->sensing_dbm) / shadowing_db[load->classes[i]]);
+        work[i] = -0.5 * distance * distance;
+    }
+    portable_exp_all(work, detected, size);
+    for (Py_ssize_t i = 0; i < load->n; i++)
+        for (Py_ssize_t k = 0; k < load->total; k++) {
+            Py_ssize_t place = i * load->total + k;
+            double margin = load->power[place] - load->sensing_dbm, x = margin / shadowing_db[load->classes[place]];
+            double t = 1.0 / (1.0 + 0.2316419 * fabs(x)); /* the normal distribution, as compute_normal_cdf */
+            double series = 1.781477937 + t * (-1.821255978 + t * 1.330274429);
+            series = t * (0.319381530 + t * (-0.356563782 + t * series));
+            double tail = detected[place] * 0.3989422804014327 * series;
+            double chance = x < 0.0 ? tail : 1.0 - tail, certain = margin >= 0.0 ? 1.0 : 0.0;
+            detected[place] = i == k ? 0.0 : load->known[k] ? certain : chance;
+        }
+    return true;
 }
 
 static double compress_load(double offered) {
@@ -60,19 +76,6 @@ static double spread_reservations(double offered) {
     double below = 2.0 * one_by_one - one_by_one * one_by_one / (2.0 * (1.0 - one_by_one));
     double share = half <= 0.5 ? below : 0.5 + half / 2.0;
     return share < 0.95 ? share : 0.95;
-}
-
-/* Whether all levels are such that sums can be made of them. */
-static bool detect(Load *load) {
-    double noise = from_db(load->noise_dbm);
-    for (Py_ssize_t i = 0; i < load->n; i++)
-        for (Py_ssize_t k = 0; k < load->total; k++) {
-            Py_ssize_t place = i * load->total + k;
-            load->detected[place] = compute_detection(load, i, k);
-            load->disturbed[place] = 10.0 * (portable_log(noise + from_db(load->power[place])) * PER_LN10);
-            if (!isfinite(load->disturbed[place])) return false;
-        }
-    return true;
 }
 
 /* A packet at station k that a sender's signal brings. */
@@ -137,7 +140,7 @@ static void prepare_itsg5(Load *load, Py_ssize_t i) {
     double busy = load->results[BUSY_RATIO][i] = compress_load(offered);
     for (Py_ssize_t k = 0; k < load->total; k++) {
         Py_ssize_t place = i * load->total + k;
-        double chance = load->rate[k] / (1.0 - busy * compute_overlap(load, place));
+        double chance = load->rate[k] / (1.0 - busy * load->overlap[place]);
         load->hidden[place] = chance * (1.0 - detected[k]);
         load->heard[place] = chance * detected[k] * SLOT_S;
     }
@@ -151,7 +154,7 @@ static void prepare_sidelink(Load *load, Py_ssize_t i) {
     double busy = load->results[BUSY_RATIO][i] = spread_reservations(offered);
     for (Py_ssize_t k = 0; k < load->total; k++) {
         Py_ssize_t place = i * load->total + k;
-        double common = 1.0 - 2.0 * busy + compute_overlap(load, place) * (busy - busy * busy) + busy * busy;
+        double common = 1.0 - 2.0 * busy + load->overlap[place] * (busy - busy * busy) + busy * busy;
         double unheard = 1.0 - (1.0 - 1.0 / TAU_PACKETS) * detected[k];
         double taken = load->rate[k] * PERIOD_S * load->size[k] / resources;
         load->hidden[place] = unheard * common / ((1.0 - busy) * (1.0 - busy)) * taken;
@@ -166,9 +169,10 @@ typedef struct {
 
 static PyObject *compute_load(const Model *model, Load *load) {
     Py_ssize_t n = load->n, size = n * load->total;
-    double *work = malloc((4 * size + 1) * sizeof *work);
+    double *work = malloc((6 * size + 1) * sizeof *work);
     if (!work) return PyErr_NoMemory();
-    load->detected = work, load->disturbed = work + size, load->hidden = work + 2 * size, load->heard = work + 3 * size;
+    double **parts[] = {&load->detected, &load->overlap, &load->disturbed, &load->hidden, &load->heard};
+    for (int i = 0; i < 5; i++) *parts[i] = work + (i + 1) * size;
     PyObject *arrays[RESULTS] = {0};
     bool is_made = true;
     for (int r = 0; is_made && r < RESULTS; r++) {
@@ -176,7 +180,7 @@ static PyObject *compute_load(const Model *model, Load *load) {
         is_made = (arrays[r] = new_doubles(r == BUSY_RATIO ? 1 : 2, shape, load->results + r));
         for (Py_ssize_t i = 0; is_made && i < (r == BUSY_RATIO ? n : n * n); i++) load->results[r][i] = 0.0;
     }
-    if (is_made && !detect(load)) {
+    if (is_made && !compute_each(load, work)) {
         refuse_numbers(model->name);
         is_made = false;
     }

@@ -1,5 +1,6 @@
 /* Twin of received_power.py. */
 #include <math.h>
+#include <stdlib.h>
 
 #include "../../core/compiled/values.h"
 #include "../../core/portable.h"
@@ -21,7 +22,7 @@ typedef struct {
 /* A pair of antennas, the first of which is a station. */
 typedef struct {
     const double *from, *to;
-    double distance, slopes, low, high, top;
+    double slopes, low, high, top;
     unsigned char kind;
 } Pair;
 
@@ -36,13 +37,18 @@ static double evaluate_field(const double *waves, Py_ssize_t count, const double
     return total * sqrt(2.0 / (double)count);
 }
 
-static Pair open_pair(const Scene *scene, Py_ssize_t i, Py_ssize_t k) {
+static double measure_distance(const Scene *scene, Py_ssize_t i, Py_ssize_t k) {
     const double *from = scene->xy + 2 * i, *to = scene->xy + 2 * k;
-    double dx = from[0] - to[0], dy = from[1] - to[1], a = scene->height[i], b = scene->height[k], across = a - b;
+    double dx = from[0] - to[0], dy = from[1] - to[1], across = scene->height[i] - scene->height[k];
     double distance = sqrt(dx * dx + dy * dy + across * across);
-    double slopes = portable_log(distance < LEAST_DISTANCE_M ? LEAST_DISTANCE_M : distance) * PER_LN10;
+    return distance < LEAST_DISTANCE_M ? LEAST_DISTANCE_M : distance;
+}
+
+static Pair open_pair(const Scene *scene, Py_ssize_t i, Py_ssize_t k, double log_distance) {
+    double a = scene->height[i], b = scene->height[k];
     Py_ssize_t place = i * scene->total + k;
-    return (Pair){from, to, distance, slopes, a < b ? a : b, a < b ? b : a, scene->blocker[place], scene->classes[place]};
+    return (Pair){scene->xy + 2 * i, scene->xy + 2 * k, log_distance * PER_LN10, a < b ? a : b, a < b ? b : a,
+                  scene->blocker[place], scene->classes[place]};
 }
 
 static double compute_path_loss(const Scene *scene, const Pair *pair, unsigned char kind) {
@@ -63,9 +69,9 @@ static double compute_blockage(const Scene *scene, const Pair *pair, bool is_kno
     return loss > 0.0 || isnan(loss) ? loss : 0.0;
 }
 
-static double receive(const Scene *scene, Py_ssize_t i, Py_ssize_t k) {
+static double receive(const Scene *scene, Py_ssize_t i, Py_ssize_t k, double log_distance) {
     static const double shadowing_db[] = {3.0, 3.0, 4.0};
-    Pair pair = open_pair(scene, i, k);
+    Pair pair = open_pair(scene, i, k, log_distance);
     bool is_known = k < scene->n;
     double loss = compute_path_loss(scene, &pair, pair.kind);
     if (is_known) {
@@ -98,18 +104,21 @@ static bool is_scene_valid(const Array *arrays, bool has_corners) {
 }
 
 static PyObject *receive_all(const Scene *scene) {
-    double *power;
+    double *power, *row = malloc((2 * scene->total + 1) * sizeof *row), *logarithms = row + scene->total;
     Py_ssize_t n = scene->n, total = scene->total;
-    PyObject *result = new_doubles(2, (Py_ssize_t[]){n, total}, &power);
+    PyObject *result = row ? new_doubles(2, (Py_ssize_t[]){n, total}, &power) : PyErr_NoMemory();
     bool is_finite = true;
     for (Py_ssize_t i = 0; result && i < n; i++) {
         power[i * total + i] = scene->sent_dbm;
+        for (Py_ssize_t k = i + 1; k < total; k++) row[k] = measure_distance(scene, i, k);
+        portable_log_all(row + i + 1, logarithms + i + 1, (size_t)(total - i - 1));
         for (Py_ssize_t k = i + 1; k < total; k++) {
-            double level = power[i * total + k] = receive(scene, i, k);
+            double level = power[i * total + k] = receive(scene, i, k, logarithms[k]);
             if (k < n) power[k * total + i] = level;
             is_finite = is_finite && isfinite(level);
         }
     }
+    free(row);
     if (!result || is_finite) return result;
     Py_DecRef(result);
     return refuse_numbers("compute_received_power");
