@@ -134,7 +134,68 @@ static PyObject *v2x_radio_radio_medium_find_losses(PyObject *module, PyObject *
     return result;
 }
 
+static Import MAKE_LINK = {"mdrive_sumo.v2x.radio.radio_medium", "make_link", 0};
+
+/* The link of a level and a class, a new reference. */
+static PyObject *find_link(PyObject *known, double level, unsigned char kind) {
+    PyObject *key = PyLong_FromLongLong((long long)level * 4 + kind), *make = find_import(&MAKE_LINK);
+    PyObject *link = key && make ? PyDict_GetItemWithError(known, key) : NULL;
+    if (link) link = new_reference(link);
+    else if (key && make && !PyErr_Occurred()) {
+        link = PyObject_CallFunctionObjArgs(make, key, NULL);
+        if (link && PyDict_SetItem(known, key, link)) {
+            Py_DecRef(link);
+            link = NULL;
+        }
+    }
+    if (key) Py_DecRef(key);
+    return link;
+}
+
+static bool add_links(PyObject *stations, Py_ssize_t i, const unsigned char *kinds, const double *levels,
+                      PyObject *known, PyObject *links) {
+    PyObject *others = PyDict_New();
+    bool is_valid = others && !PyDict_SetItem(links, PyTuple_GetItem(stations, i), others);
+    for (Py_ssize_t k = 0; is_valid && k < PyTuple_Size(stations); k++) {
+        if (k == i) continue;
+        double level = rint(levels[k]);
+        PyObject *link = fabs(level) < 1e15 ? find_link(known, level, kinds[k]) : refuse_numbers("list_links");
+        is_valid = link && !PyDict_SetItem(others, PyTuple_GetItem(stations, k), link);
+        if (link) Py_DecRef(link);
+    }
+    if (others) Py_DecRef(others);
+    return is_valid;
+}
+
+static PyObject *v2x_radio_radio_medium_list_links(PyObject *module, PyObject *const *arguments, Py_ssize_t given) {
+    if (!expect_arguments("list_links", given, 4, 4) || !is_dict(arguments[3])) return NULL;
+    Py_ssize_t n = PyTuple_Size(arguments[0]);
+    Array classes, power;
+    if (n < 0 || !open_array(arguments[1], 'B', &classes)) return NULL;
+    if (!open_array(arguments[2], 'd', &power)) {
+        close_array(&classes);
+        return NULL;
+    }
+    PyObject *links = NULL;
+    if (classes.dimensions == 2 && power.dimensions == 2 && classes.shape[0] == n && power.shape[0] == n &&
+        classes.shape[1] >= n && power.shape[1] == classes.shape[1]) {
+        links = PyDict_New();
+        for (Py_ssize_t i = 0; links && i < n; i++)
+            if (!add_links(arguments[0], i, (const unsigned char *)classes.data + i * classes.shape[1],
+                           doubles(&power) + i * power.shape[1], arguments[3], links)) {
+                Py_DecRef(links);
+                links = NULL;
+            }
+    } else {
+        PyErr_SetString(PyExc_ValueError, "expected what the stations hear");
+    }
+    close_array(&classes);
+    close_array(&power);
+    return links;
+}
+
 Functions v2x_radio_radio_medium = {
     FUNCTION(v2x_radio_radio_medium_find_losses),
+    FUNCTION(v2x_radio_radio_medium_list_links),
     END_OF_FUNCTIONS,
 };

@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -156,6 +155,7 @@ class RadioMedium:
         """Mean time [s] between a packet at the head of a station's queue and its begin."""
         self._busy_ratios: list[BusyRatio] = []
         self._bills: dict[int, _Bill] = {}
+        self._links: dict[int, AirLink] = {}
 
     def list_busy_ratios(self) -> tuple[BusyRatio, ...]:
         """Return all measurements, in order of ticks and names."""
@@ -190,7 +190,7 @@ class RadioMedium:
             load.half_duplex_per_packet,
             load.half_duplex_per_second,
         )
-        links = _list_links(scene.stations, picture)
+        links = list_links(scene.stations, picture.classes, picture.power_dbm, self._links)
         return [
             Reception(arrival_s, lost if arrival_s < math.inf else {}, links[one.sender])
             for one, arrival_s, lost in zip(transmissions, arrivals, losses, strict=True)
@@ -353,16 +353,27 @@ def find_losses(
     return found
 
 
-def _list_links(stations: Sequence[str], picture: RadioPicture) -> dict[str, dict[str, AirLink]]:
-    """Return the links of each station to all others."""
+@twin
+def list_links(
+    stations: tuple[str, ...], classes: Classes, power_dbm: Float, known: dict[int, AirLink], /
+) -> dict[str, dict[str, AirLink]]:
+    """Return the links of each station to all others.
+
+    classes, power_dbm: (n, K) as `RadioPicture`. known: links that were needed before, by level times 4 plus class.
+    """
     n, links = len(stations), dict[str, dict[str, AirLink]]()
-    levels = np.rint(picture.power_dbm[:, :n]).tolist()
-    for station, kinds, row in zip(stations, picture.classes[:, :n].tolist(), levels, strict=True):
-        links[station] = dict(zip(stations, map(_find_link, kinds, row), strict=True))
-        del links[station][station]
+    levels = np.rint(power_dbm[:, :n]).astype(np.int64).tolist()
+    for i, station in enumerate(stations):
+        others = links[station] = dict[str, AirLink]()
+        for k, other in enumerate(stations):
+            if k != i:
+                key = levels[i][k] * 4 + int(classes[i, k])
+                if key not in known:
+                    known[key] = make_link(key)
+                others[other] = known[key]
     return links
 
 
-@lru_cache(maxsize=4096)
-def _find_link(kind: int, level_dbm: float) -> AirLink:
-    return AirLink(LinkClass(kind), int(level_dbm))
+def make_link(key: int) -> AirLink:
+    """Return the link of a level [dBm] times 4 plus a class."""
+    return AirLink(LinkClass(key % 4), key // 4)
