@@ -108,7 +108,10 @@ static PyObject *refuse(double value) {
 }
 
 /* A function of one number, for a number or an array; results that are not finite are refused. */
-static PyObject *map_one(double (*function)(double), PyObject *argument) {
+typedef double Function(double x);
+typedef void FunctionOfAll(const double *x, double *y, size_t count); /* NULL: one number after another */
+
+static PyObject *map_one(Function *function, FunctionOfAll *function_of_all, PyObject *argument) {
     double x;
     if (!is_array(argument)) {
         if (!read_number(argument, &x)) return NULL;
@@ -119,8 +122,9 @@ static PyObject *map_one(double (*function)(double), PyObject *argument) {
     if (!open_array(argument, 'd', &from)) return NULL;
     double *to;
     PyObject *result = new_doubles(from.dimensions, from.shape, &to);
+    if (result && function_of_all) function_of_all(doubles(&from), to, (size_t)from.count);
     for (Py_ssize_t i = 0; result && i < from.count; i++) {
-        to[i] = function(doubles(&from)[i]);
+        if (!function_of_all) to[i] = function(doubles(&from)[i]);
         if (!isfinite(to[i])) {
             Py_DecRef(result);
             result = refuse(to[i]);
@@ -159,18 +163,18 @@ static PyObject *core_portable_cos_sin(PyObject *module, PyObject *const *argume
     return result;
 }
 
-#define MAP_ONE(name, function)                                                                            \
+#define MAP_ONE(name, function, function_of_all)                                                           \
     static PyObject *core_portable_##name(PyObject *module, PyObject *const *arguments, Py_ssize_t count) { \
-        return expect_arguments(#name, count, 1, 1) ? map_one(function, arguments[0]) : NULL;               \
+        return expect_arguments(#name, count, 1, 1) ? map_one(function, function_of_all, arguments[0]) : NULL; \
     }
-MAP_ONE(cos, only_cos)
-MAP_ONE(sin, only_sin)
-MAP_ONE(tan, portable_tan)
-MAP_ONE(sinc, portable_sinc)
-MAP_ONE(atan, portable_atan)
-MAP_ONE(exp, portable_exp)
-MAP_ONE(expm1, portable_expm1)
-MAP_ONE(log, portable_log)
+MAP_ONE(cos, only_cos, NULL)
+MAP_ONE(sin, only_sin, NULL)
+MAP_ONE(tan, portable_tan, NULL)
+MAP_ONE(sinc, portable_sinc, NULL)
+MAP_ONE(atan, portable_atan, NULL)
+MAP_ONE(exp, portable_exp, portable_exp_all)
+MAP_ONE(expm1, portable_expm1, NULL)
+MAP_ONE(log, portable_log, portable_log_all)
 
 static Import BROADCAST = {"numpy", "broadcast_arrays", 0};
 

@@ -8,7 +8,7 @@
 enum { COLLISION_PER_PACKET, COLLISION_PER_SECOND, BUSY, HALF_DUPLEX_PER_PACKET, HALF_DUPLEX_PER_SECOND, RISKS };
 enum { POWER = RISKS, CURVES_ARRAY, CLASSES, ARRAYS };
 enum { PATH_LOSS, BUSY_RECEIVER, HALF_DUPLEX, COLLISION, LOSSES };
-/* Places in a `Transmission` and in a `_Bill`. */
+/* Places in a `Transmission` and in a `AirBill`. */
 enum { SENDER = 0, RECEIVERS = 2, LUCKS = 3, SHARE = 2, PACKETS = 3, SIZE = 4, COLLIDING = 5 };
 
 typedef struct {

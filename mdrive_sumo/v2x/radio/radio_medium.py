@@ -120,7 +120,7 @@ EXACT: Final = 1 << 80
 """Times that, airtimes and sub-channels are integers, so that sums of what comes and goes have no error."""
 
 
-class _Bill(NamedTuple):
+class AirBill(NamedTuple):
     """What a message of some size takes of the air."""
 
     airtimes: tuple[float, ...]
@@ -154,7 +154,7 @@ class RadioMedium:
         self._access_s: dict[str, float] = {}
         """Mean time [s] between a packet at the head of a station's queue and its begin."""
         self._busy_ratios: list[BusyRatio] = []
-        self._bills: dict[int, _Bill] = {}
+        self._bills: dict[int, AirBill] = {}
         self._links: dict[int, AirLink] = {}
 
     def list_busy_ratios(self) -> tuple[BusyRatio, ...]:
@@ -196,14 +196,14 @@ class RadioMedium:
             for one, arrival_s, lost in zip(transmissions, arrivals, losses, strict=True)
         ]
 
-    def _find_bill(self, payload_bytes: int) -> _Bill:
+    def _find_bill(self, payload_bytes: int) -> AirBill:
         bill = self._bills.get(payload_bytes)
         if bill is None:
             interface = self._interface
             sizes = split_message(payload_bytes, interface.header_bytes)
             measured = [self._measure_packet(size) for size in sizes]
             packets, size = float(sum(count for count, _ in measured)), math.fsum(size for _, size in measured)
-            bill = self._bills[payload_bytes] = _Bill(
+            bill = self._bills[payload_bytes] = AirBill(
                 tuple(interface.measure_airtime(size) for size in sizes),
                 tuple((count, int(size * EXACT)) for count, size in measured),
                 sum(sizes) / CURVE_BYTES,
@@ -282,7 +282,7 @@ class RadioMedium:
         )  # fmt: skip
         self._take_stations(stations)
 
-    def _queue(self, tick: int, one: Transmission, bill: _Bill) -> float:
+    def _queue(self, tick: int, one: Transmission, bill: AirBill) -> float:
         """Put a message into the queue of its sender; return when it is on air [s], infinite if it expires.
 
         Packets that end in time take the channel, even if a later one of the message does not; the others do not.
@@ -308,7 +308,7 @@ class RadioMedium:
 @twin
 def find_losses(
     transmissions: list[Transmission],
-    bills: list[_Bill],
+    bills: list[AirBill],
     columns: dict[str, int],
     losses: tuple[RadioLoss, ...],
     power_dbm: Float,

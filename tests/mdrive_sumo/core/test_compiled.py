@@ -55,6 +55,13 @@ def test_logarithms(x: float) -> None:
     compare_twins("core_portable_log", x)
 
 
+@given(x=st.lists(st.one_of(st.floats(min_value=0.0), ORDINARY, ANY), max_size=5))
+def test_exponentials_and_logarithms_of_arrays(x: list[float]) -> None:
+    for name in ("exp", "log"):
+        for part in (x, [abs(value) for value in x], [value for value in x if 0.0 < value < math.inf]):
+            compare_twins(f"core_portable_{name}", np.array(part))
+
+
 @pytest.mark.parametrize("name", ["atan2", "hypot"])
 @example(y=0.0, x=math.nan)
 @given(y=st.one_of(ORDINARY, ANY), x=st.one_of(ORDINARY, ANY))

@@ -11,7 +11,7 @@ from testing.twins import compare_twins, get_compiled
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core import compiled
 from mdrive_sumo.core.seeding import draw_uniforms
-from mdrive_sumo.v2x.channel import Delivery, DeliveryStatus, draw_lucks, measure_distances, select_reached
+from mdrive_sumo.v2x.channel import Delivery, DeliveryStatus, draw_lucks, hand_over, measure_distances, select_reached
 
 NAMES = st.lists(st.text("abä_0", min_size=1, max_size=5), min_size=1, max_size=6, unique=True)
 NUMBERS = st.one_of(st.floats(-1e3, 1e3), st.sampled_from((0.0, -0.0, math.inf, math.nan, 150.0)))
@@ -43,6 +43,20 @@ def test_receivers_that_are_reached(distances: list[float], loss: float, lucks: 
         reached = function(7, others, 150.0, loss, tuple(lucks), deliveries)
         told.append((reached, list(deliveries.items())))
     assert told[0] == told[1]
+
+
+@given(names=NAMES, active=st.integers(0, 6))
+def test_messages_reach_inboxes(names: list[str], active: int) -> None:
+    arrived, gone = Delivery(DeliveryStatus.DELIVERED, 8), Delivery(DeliveryStatus.GONE, 8)
+    messages, told = [Message("text", name.encode()) for name in names], []
+    for function in (compiled.REFERENCES["v2x_channel_hand_over"], hand_over):
+        deliveries: dict[str, Delivery] = {}
+        inboxes: dict[str, list[Message]] = {name: [] for name in names[:active]}
+        function(names, messages, inboxes, deliveries, arrived, gone)
+        told.append((inboxes, list(deliveries.items())))
+    assert told[0] == told[1]
+    assert list(told[0][0].values()) == [[message] for message in messages[:active]]
+    compare_twins("v2x_channel_hand_over", names, messages, {}, {}, arrived, gone)
 
 
 @given(payloads=st.lists(st.binary(max_size=3), max_size=3), tick=st.integers(0, 2**40))

@@ -18,7 +18,7 @@ from mdrive_sumo.v2x.radio.channel_load import (
     compute_sidelink_load,
     spread_reservations,
 )
-from mdrive_sumo.v2x.radio.packet_error import PacketErrorModel
+from mdrive_sumo.v2x.radio.packet_error import BLUR_FIRST_DB, PacketErrorModel, interpolate
 from mdrive_sumo.v2x.radio.path_loss import RadioEnvironment
 from mdrive_sumo.v2x.radio.radio_settings import RadioProfile
 
@@ -65,7 +65,9 @@ def test_a_hidden_station_spoils_and_occupies() -> None:
     power = [[0.0, -75.0, -120.0], [-75.0, 0.0, -70.0], [-120.0, -70.0, 0.0]]
     load = measure(power, [10.0, 10.0, 25.0], [4e-4, 4e-4, 6e-4])
     assert load.busy_ratio == pytest.approx(compress_load(np.array([0.004, 0.004 + 0.015, 0.004])))
-    lost = ERRORS.compute_blurred(np.array([-75.0 + 70.0 - 1e-2]), np.zeros(1, dtype=np.uint8))[0]  # SINR -5 dB
+    lost = interpolate(ERRORS.blurred, BLUR_FIRST_DB, np.array([-75.0 + 70.0 - 1e-2]), np.zeros(1, dtype=np.uint8))[
+        0
+    ]  # SINR -5 dB
     assert load.collision_per_second[0, 1] == pytest.approx(25.0 * lost, rel=0.01)
     assert load.collision_per_packet[0, 1] == 0.0  # station 1 notices what has begun before
     assert load.busy_per_packet[0, 1] == pytest.approx(25.0 * 6e-4, rel=0.01)
@@ -86,7 +88,7 @@ def test_reservations_of_lte_v2x_collide_as_in_step_2() -> None:
     load = measure(power, [10.0] * 3, [1.0] * 3, sidelink=True)
     resources, excluded = 500, 2 / 500
     assert load.busy_ratio == pytest.approx([spread_reservations(np.array([excluded]))[0]] * 3)
-    lost = SIDELINK_ERRORS.compute_blurred(np.array([0.0]), np.zeros(1, dtype=np.uint8))[0]
+    lost = interpolate(SIDELINK_ERRORS.blurred, BLUR_FIRST_DB, np.array([0.0]), np.zeros(1, dtype=np.uint8))[0]
     assert load.collision_per_packet[0, 1] == pytest.approx(0.1 / resources * lost, rel=0.02)
     assert load.half_duplex_per_packet[0, 1] == pytest.approx(0.01)  # one of a hundred subframes
 

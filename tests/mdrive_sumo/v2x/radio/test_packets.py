@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.v2x.radio.air_interface import INTERFACES, list_blocks, split_message
-from mdrive_sumo.v2x.radio.packet_error import PacketErrorModel
+from mdrive_sumo.v2x.radio.packet_error import BLUR_FIRST_DB, PacketErrorModel, interpolate
 from mdrive_sumo.v2x.radio.path_loss import LinkClass, RadioEnvironment
 from mdrive_sumo.v2x.radio.radio_settings import RadioProfile
 
@@ -76,7 +76,7 @@ def test_the_blurred_curve_is_the_mean_over_the_shadowing_of_an_interferer() -> 
     model = MODELS[G5, RadioEnvironment.URBAN]
     for sinr_db in (-5.0, 1.75, 6.0):
         expected = model.compute(sinr_db + offsets, kinds, 350).mean()
-        assert model.compute_blurred(np.array([sinr_db]), kinds[:1])[0] == pytest.approx(expected, abs=0.012)
+        assert interpolate(model.blurred, BLUR_FIRST_DB, np.array([sinr_db]), kinds[:1])[0] == pytest.approx(expected, abs=0.012)
 
 
 @pytest.mark.parametrize(

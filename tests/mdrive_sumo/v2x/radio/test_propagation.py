@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.v2x.radio.path_loss import (
+    LOSS_FORMULAS,
     WAVELENGTH_M,
     LinkClass,
     RadioEnvironment,
@@ -16,7 +17,7 @@ from mdrive_sumo.v2x.radio.path_loss import (
     compute_path_loss,
     find_blockage_sigma,
 )
-from mdrive_sumo.v2x.radio.shadowing import ShadowingField
+from mdrive_sumo.v2x.radio.shadowing import draw_waves, evaluate_field
 
 URBAN, HIGHWAY = RadioEnvironment.URBAN, RadioEnvironment.HIGHWAY
 LOS, NLOSV, NLOSB = LinkClass.LOS, LinkClass.NLOSV, LinkClass.NLOSB
@@ -36,14 +37,14 @@ LOS, NLOSV, NLOSB = LinkClass.LOS, LinkClass.NLOSV, LinkClass.NLOSB
 def test_the_formulas_of_tr_37885(
     environment: RadioEnvironment, kind: LinkClass, distance: float, loss_db: float
 ) -> None:
-    loss = compute_path_loss(environment, np.array([kind], dtype=np.uint8), np.array([distance]))
+    loss = compute_path_loss(LOSS_FORMULAS[environment], np.array([kind], dtype=np.uint8), np.array([distance]))
     assert loss[0] == pytest.approx(loss_db, abs=1e-5)
 
 
 @given(st.floats(1.0, 3000.0))
 def test_the_highway_is_free_space(distance: float) -> None:
     friis_db = 20 * math.log10(4 * math.pi * distance / WAVELENGTH_M)
-    loss = compute_path_loss(HIGHWAY, np.array([LOS], dtype=np.uint8), np.array([distance]))
+    loss = compute_path_loss(LOSS_FORMULAS[HIGHWAY], np.array([LOS], dtype=np.uint8), np.array([distance]))
     assert loss[0] == pytest.approx(friis_db, abs=0.06)  # the TR rounds 32.45 to 32.4
 
 
@@ -81,11 +82,11 @@ def test_shadowing_has_unit_variance_and_the_decorrelation_distance() -> None:
     values = np.array(
         [
             [
-                field.evaluate(first, second)[0],
-                field.evaluate(first + np.array([10.0, 0.0]), second)[0],
-                field.evaluate(first + np.array([0.0, 10.0]), second + np.array([6.0, 8.0]))[0],
+                evaluate_field(waves, first, second)[0],
+                evaluate_field(waves, first + np.array([10.0, 0.0]), second)[0],
+                evaluate_field(waves, first + np.array([0.0, 10.0]), second + np.array([6.0, 8.0]))[0],
             ]
-            for field in (ShadowingField(seed, "shadowing", 10.0) for seed in range(600))
+            for waves in (draw_waves(seed, "shadowing", 10.0) for seed in range(600))
         ]
     )
     assert np.abs(values.mean(axis=0)).max() < 0.12
@@ -95,9 +96,9 @@ def test_shadowing_has_unit_variance_and_the_decorrelation_distance() -> None:
 
 
 def test_a_value_of_the_field_depends_on_its_own_pair_only() -> None:
-    field, places = ShadowingField(3, "shadowing", 25.0), np.array([[1.0, 2.0], [30.0, -4.0], [7.0, 500.0]])
-    together = field.evaluate(places, places[::-1])
-    alone = [field.evaluate(places[i : i + 1], places[::-1][i : i + 1])[0] for i in range(3)]
+    waves, places = draw_waves(3, "shadowing", 25.0), np.array([[1.0, 2.0], [30.0, -4.0], [7.0, 500.0]])
+    together = evaluate_field(waves, places, places[::-1])
+    alone = [evaluate_field(waves, places[i : i + 1], places[::-1][i : i + 1])[0] for i in range(3)]
     assert together.tolist() == alone
-    other = ShadowingField(4, "shadowing", 25.0).evaluate(places, places[::-1])
+    other = evaluate_field(draw_waves(4, "shadowing", 25.0), places, places[::-1])
     assert together.tolist() != other.tolist()
