@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.seeding import draw_first_uniform
 from mdrive_sumo.core.state import Kind
@@ -73,7 +74,7 @@ class RadioSceneBuilder:
         edges = self._edges
         links = classify_links(xy, carriers, len(own), self._blockers, edges.walls, edges.ends, edges.circles)
         corners = self._measure_corners(xy[: len(own)], height, links[0]) if self._corners is not None else None
-        return RadioScene(stations, xy, height, boxes.speed[background], *links, corners)
+        return build_frozen(RadioScene, stations, xy, height, boxes.speed[background], *links, corners)
 
     def _measure_corners(self, xy: Float, height: Float, classes: Classes) -> Float:
         """Return the losses (n, n) [dB] round corners, NaN where no building is in between or no crossing is seen."""

@@ -55,6 +55,7 @@ class DeliveryStatus(StrEnum):
     """Spoiled by a packet of another station."""
 
 
+_STATUSES = {loss: DeliveryStatus(loss) for loss in RadioLoss}
 NOT_TRANSMITTED = frozenset(map(DeliveryStatus, ("muted", "over-budget", "malformed", "off", "expired")))
 """What becomes of messages that the sender's radio never transmits, alike for all receivers."""
 
@@ -77,19 +78,9 @@ class SentMessage:
     """The radio link to each receiver when it was sent; empty unless the channel is a radio."""
 
 
-class _RadioEntry(NamedTuple):
-    """A message that waits for the radio, in the tick of its sending."""
-
-    message: Message
-    n: int
-    others: dict[str, float]
-    """Distances [m] by receiver."""
-    receivers: tuple[str, ...]
-    deliveries: dict[str, Delivery]
-    place: int
-    """Of the message in the log, which gets the links of the sender to all stations."""
-
-
+_Waiting = tuple[Message, int, dict[str, float], tuple[str, ...], dict[str, Delivery], int]
+"""A message for the radio: its index among those of its sender, distances [m] by receiver, the receivers, what becomes
+of it, and its place in the log."""
 _NO_LINKS: Mapping[str, AirLink] = MappingProxyType({})
 """Of a message that no radio has sent."""
 
@@ -134,7 +125,7 @@ class Channel:
         own messages. scene: of all with a position, for a radio; with the background if `is_background_due`.
         """
         receiver_ids = sorted(positions if receivers is None else receivers)
-        waiting: list[_RadioEntry] = []
+        waiting: list[_Waiting] = []
         for sender in sorted(outgoing):
             others = measure_distances(positions, sender, receiver_ids)
             names = tuple(others)
@@ -145,7 +136,7 @@ class Channel:
                 if stopped is not None:
                     deliveries.update(dict.fromkeys(others, Delivery(stopped, tick)))
                 elif self._radio is not None:
-                    waiting.append(_RadioEntry(message, n, others, names, deliveries, len(self._log) - 1))
+                    waiting.append((message, n, others, names, deliveries, len(self._log) - 1))
                 else:
                     self._transmit(message, n, others, deliveries)
         if waiting:
@@ -155,7 +146,7 @@ class Channel:
         """Return whether a radio needs the connected background vehicles of this tick, to measure its load."""
         return self._radio is not None and self._radio.is_load_due(tick)
 
-    def _send_by_radio(self, tick: int, waiting: Sequence[_RadioEntry], scene: RadioScene | None) -> None:
+    def _send_by_radio(self, tick: int, waiting: list[_Waiting], scene: RadioScene | None) -> None:
         """Send the messages of a tick over the radio, and transmit what it does not lose."""
         if self._radio is None or scene is None:
             raise ValueError("channel: expected the scene of a radio")
@@ -169,7 +160,7 @@ class Channel:
             )
             for message, n, _, receivers, _, _ in waiting
         ]
-        lost = {loss: Delivery(DeliveryStatus(loss), tick) for loss in RadioLoss}
+        lost = {loss: Delivery(status, tick) for loss, status in _STATUSES.items()}
         receptions = self._radio.transmit(tick, scene, sent)
         for (message, n, others, receivers, deliveries, place), (arrival_s, losses, links) in zip(
             waiting, receptions, strict=True

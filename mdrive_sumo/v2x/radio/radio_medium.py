@@ -11,6 +11,7 @@ import numpy as np
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
 from mdrive_sumo.v2x.radio.air_interface import INTERFACES, SidelinkInterface, list_blocks, split_message
@@ -226,7 +227,7 @@ class RadioMedium:
             self._blockage,
             self._settings.power_dbm + 2.0 * self._settings.antenna_gain_dbi,
         )
-        return RadioPicture(power, scene.classes, np.arange(len(scene.xy)) < len(scene.stations))
+        return build_frozen(RadioPicture, power, scene.classes, np.arange(len(scene.xy)) < len(scene.stations))
 
     def _measure_load(self, tick: int, scene: RadioScene, picture: RadioPicture) -> None:
         """Compute busy ratios and risks from what was sent in the last second, and tell congestion control."""
