@@ -10,7 +10,7 @@ from mdrive_sumo.core.tables import CellValue, Column, Table, format_text, make_
 from mdrive_sumo.scoring import Means, Results, RunInfo, ScenarioResult, compute_mean_intervals
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
 from mdrive_sumo.scoring.summary import count_scenarios
-from mdrive_sumo.v2x.message_rates import MessageRate
+from mdrive_sumo.v2x.message_counts import MessageRate
 
 SCORE_COLUMNS = (
     Column("ds", "DS"),
@@ -218,6 +218,16 @@ def build_rate_table(results: Results) -> Table:
     return Table("sent", "Messages", columns, tuple(make_row((name, *numbers)) for name, numbers in rates))
 
 
+def describe_busy_ratio(results: Results) -> str:
+    """Return "mean 0.021, greatest 0.066": of the channel at the CAVs, over the time of all episodes; "" without."""
+    measured = [(one.ticks, one.busy_ratio) for one in results.scenarios if one.busy_ratio is not None]
+    ticks = sum(ticks for ticks, _ in measured)
+    if not ticks:
+        return ""
+    mean = math.fsum(ticks * ratio.mean for ticks, ratio in measured) / ticks
+    return f"mean {mean:.3f}, greatest {max(ratio.greatest for _, ratio in measured):.3f}"
+
+
 def _sorted(names: Iterable[str]) -> Counter[str]:
     counts = Counter(names)
     return Counter(dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
@@ -260,6 +270,7 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
         ("void", str(results.void)),
         *((("notes", _listed(notes)),) if notes else ()),
         *((("messages", rates),) if (rates := describe_rates(results)) else ()),
+        *((("busy ratio", busy),) if (busy := describe_busy_ratio(results)) else ()),
         *((("malformed", malformed),) if (malformed := describe_malformed(results)) else ()),
         *((("times", missing),) if (missing := describe_missing_reference(results)) else ()),
     )

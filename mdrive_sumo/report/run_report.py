@@ -33,6 +33,7 @@ from mdrive_sumo.report.result_tables import (
     count_notes,
     count_outcomes,
     describe_agent,
+    describe_busy_ratio,
     describe_missing_reference,
     list_percent,
     list_scores,
@@ -97,7 +98,7 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         _format_noted(build_interval_table(results), INTERVALS),
         _format_noted(build_role_table(results), ROLES),
         *(("## Beside the score", BESIDE, _format_means(_scalar_table(results))) if results.overall.scalars else ()),
-        *(("## Messages", SENT, format_markdown(rates)) if (rates := build_rate_table(results)).rows else ()),
+        *_list_traffic(results),
         "## How it ended",
         _counts("outcome", "CAVs", count_outcomes(results)),
         _counts("infraction", "times", count_infractions(results)),
@@ -112,6 +113,14 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         _commands(),
     )
     return join_paragraphs(parts)
+
+
+def _list_traffic(results: Results) -> list[str]:
+    """Return the section of messages: their rates where they vary, and the load of a radio."""
+    rates, busy = build_rate_table(results), describe_busy_ratio(results)
+    parts = [SENT, format_markdown(rates)] if rates.rows else []
+    parts += [f"- channel busy ratio at the CAVs: {busy}"] if busy else []
+    return ["## Messages", *parts] if parts else []
 
 
 def save_run_report(folder: Path, results: Results, captured: CapturedCooperation | None = None) -> None:

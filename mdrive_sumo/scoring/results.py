@@ -95,6 +95,14 @@ class SentRate(_Part):
     """Payload bytes in a second of the episode, without headers."""
 
 
+class BusyRatioSummary(_Part):
+    """Share of the time that the channel was busy at the CAVs, which each measures every 200 ms."""
+
+    mean: Number
+    """Of all measurements of all CAVs."""
+    greatest: Number
+
+
 class Means(_Part):
     """Driving score [%], success rates [%], route completion [%], infraction penalty [0, 1], time ratio."""
 
@@ -135,6 +143,8 @@ class ScenarioResult(Means):
     sent_rates: dict[str, SentRate] = Field(default_factory=lambda: {}, exclude_if=lambda rates: not rates)
     """What was sent in a second, by type, beyond 32 types as (other). Absent where stations send at fixed intervals
     (`v2x_rate` fixed), as in all results from before there were other ones."""
+    busy_ratio: BusyRatioSummary | None = Field(default=None, exclude_if=lambda ratios: ratios is None)
+    """Load of the channel; absent unless it is a radio (`its-g5`, `lte-v2x`) over which something was sent."""
     malformed: dict[str, int] = Field(default_factory=lambda: {}, exclude_if=_is_empty)
     """Messages that the channel dropped because their bytes are not valid for their type, by type and what is wrong;
     absent if there are none."""

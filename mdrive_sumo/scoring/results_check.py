@@ -94,6 +94,8 @@ def find_scenario_faults(result: ScenarioResult, mode: ScoreMode, seeds: Sequenc
     for kind, rate in result.sent_rates.items():
         if rate.messages_s < 0 or rate.bytes_s < 0:
             yield f"{place}.sent_rates.{kind}: expected rates of at least 0, found {rate.messages_s}, {rate.bytes_s}"
+    if (busy := result.busy_ratio) and not 0 <= busy.mean <= busy.greatest <= 1:
+        yield f"{place}.busy_ratio: expected 0 <= mean <= greatest <= 1, found {busy.mean}, {busy.greatest}"
     for ego in result.egos:
         yield from _find_ego_faults(f"{place}.egos[{ego.id}]", ego, result.ticks)
     yield from _find_mean_faults(place, result, mode)

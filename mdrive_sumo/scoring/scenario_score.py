@@ -11,10 +11,14 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.scoring.efficiency import apply_reference_times
 from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records, list_scalar_metrics
-from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult, SentRate, Speeding
-from mdrive_sumo.scoring.score_mode import ScoreMode, compute_driving_score, compute_scenario_means
-from mdrive_sumo.v2x.channel import count_deliveries, count_exchanged, count_malformed
-from mdrive_sumo.v2x.message_rates import compute_message_rates
+from mdrive_sumo.scoring.results import BusyRatioSummary, EgoResult, Infraction, ScenarioResult, SentRate, Speeding
+from mdrive_sumo.scoring.score_mode import ScoreMode, compute_driving_score, compute_mean, compute_scenario_means
+from mdrive_sumo.v2x.message_counts import (
+    compute_message_rates,
+    count_deliveries,
+    count_exchanged,
+    count_malformed,
+)
 from mdrive_sumo.v2x.services.sending_rate import SendingRate
 
 DROPPED = "(dropped)"
@@ -54,6 +58,7 @@ def score_episode(
         comm=count_deliveries(episode.messages),
         exchanged=count_exchanged(episode.messages, episode.ego_ids),
         sent_rates=_compute_sent_rates(episode),
+        busy_ratio=_summarize_busy_ratios(episode),
         malformed=count_malformed(episode.messages),
         sensing_track=episode.sensing_track,
         notes=_count_notes(episode),
@@ -100,6 +105,12 @@ def _compute_sent_rates(episode: EpisodeRecord) -> dict[str, SentRate]:
         return {}
     rates = compute_message_rates(episode.messages, episode.ticks)
     return {name: SentRate(**rate._asdict()) for name, rate in rates.items()}
+
+
+def _summarize_busy_ratios(episode: EpisodeRecord) -> BusyRatioSummary | None:
+    """Return what the CAVs measured on a radio; None on another channel. Road-side units do not count."""
+    ratios = [one.ratio for one in episode.busy_ratios if one.station in episode.ego_ids]
+    return BusyRatioSummary(mean=compute_mean(ratios), greatest=max(ratios)) if ratios else None
 
 
 def _means(records: Sequence[EgoRecord], mode: ScoreMode) -> dict[str, float]:

@@ -42,7 +42,7 @@ class RadioSceneBuilder:
         self._connected: dict[str, bool] = {}
         """Whether a background vehicle is connected: for the whole episode."""
         self._ids: tuple[str, ...] = ()
-        """Of the boxes in the tick before. What follows from them stays while they do: nobody changes size."""
+        """Of the boxes in the tick before. What follows from them stays while they do: sizes never change."""
         self._blockers, self._roofs = np.zeros((0, 6)), np.zeros(0)
         self._background: list[int] = []
 

@@ -1,8 +1,8 @@
 """V2X channel: delivery of messages between stations. docs/v2x.md describes its model and its limits."""
 
 import math
-from collections import Counter, deque
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum, auto
 from types import MappingProxyType
@@ -23,10 +23,6 @@ from mdrive_sumo.v2x.shared_reading import find_shared_problem
 Position = tuple[float, float]
 Lucks = tuple[tuple[float, ...], ...]
 """Random numbers in [0, 1) by tick of a block, then by receiver."""
-MAX_COUNTED_TYPES, OTHER = 32, "(other)"
-"""Types of messages that results count one by one, and the name of all others, which no agent can use as a type."""
-MAX_COUNTED_PROBLEMS = 8
-"""Kinds of malformed messages that results count one by one."""
 
 
 class DeliveryStatus(StrEnum):
@@ -346,71 +342,3 @@ class _Budget:
         self._sent.append((tick, size))
         self._sum += size
         return True
-
-
-def count_exchanged(messages: Iterable[SentMessage], cavs: Collection[str]) -> dict[str, int]:
-    """Return how many messages of a CAV reached at least one other CAV, by type; no message of a road-side unit counts.
-
-    Nor do the useless bytes of a flood, which say nothing.
-
-    Sorted by type; empty if the CAVs exchanged nothing. From the 33rd type on, all are counted together as `OTHER`.
-    """
-    arrived = (
-        one.message.type
-        for one in messages
-        if one.message.sender in cavs
-        and one.message.type != FLOOD
-        and any(status is DeliveryStatus.DELIVERED for status, _ in one.deliveries.values())
-    )
-    counts: Counter[str] = Counter()
-    for type_ in arrived:
-        counts[type_ if type_ in counts or len(counts) < MAX_COUNTED_TYPES else OTHER] += 1
-    return dict(sorted(counts.items()))
-
-
-def count_malformed(messages: Iterable[SentMessage]) -> dict[str, int]:
-    """Return how many messages were malformed, by type and what is wrong with them; empty if none was.
-
-    Sorted, the most frequent first. From the 9th kind on, all are counted together as `OTHER`.
-    """
-    problems = (
-        f"{one.message.type}: {(find_shared_problem(one.message) or '').partition(', found')[0]}"
-        for one in messages
-        if is_malformed(one)
-    )
-    counts: Counter[str] = Counter()
-    for problem in problems:
-        counts[problem if problem in counts or len(counts) < MAX_COUNTED_PROBLEMS else OTHER] += 1
-    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
-
-
-def is_malformed(sent: SentMessage) -> bool:
-    """Return whether the channel has stopped a message because its bytes are not valid for its type."""
-    first = next(iter(sent.deliveries.values()), None)  # of all receivers, or of none
-    return first is not None and first.status is DeliveryStatus.MALFORMED
-
-
-def count_bytes(messages: Iterable[SentMessage]) -> int:
-    """Return the payload bytes of all messages that the channel takes: malformed ones are never transmitted."""
-    return sum(len(one.message.payload) for one in messages if not is_malformed(one))
-
-
-def count_deliveries(messages: Iterable[SentMessage]) -> dict[str, int]:
-    """Return counts of sent messages ("sent"), payload bytes ("bytes") and receivers by delivery status.
-
-    The bytes of malformed messages do not count. Statuses of a radio are left out where none has them. Empty if no
-    message was sent.
-    """
-    sent = tuple(messages)
-    if not sent:
-        return {}
-    deliveries = Counter(status for one in sent for status, _ in one.deliveries.values())
-    totals = {"sent": len(sent), "bytes": count_bytes(sent)}
-    counted = {
-        status.value: deliveries[status] for status in DeliveryStatus if status not in _OF_RADIO or deliveries[status]
-    }
-    return totals | counted
-
-
-_OF_RADIO = frozenset(tuple(DeliveryStatus)[tuple(DeliveryStatus).index(DeliveryStatus.EXPIRED) :])
-"""Statuses that only a radio has: counts of other channels do not name them."""

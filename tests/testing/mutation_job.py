@@ -54,7 +54,10 @@ ROOMS: Mapping[str, Room] = {
         ("mdrive_sumo/vehicle/contact.py", "mdrive_sumo/vehicle/impact.py"),
         ("tests/mdrive_sumo/vehicle", "tests/mdrive_sumo/loop/test_contact_order.py"),
     ),
-    "channel": Room(("mdrive_sumo/v2x/channel.py", "mdrive_sumo/v2x/comm_settings.py"), ("tests/mdrive_sumo/v2x",)),
+    "channel": Room(
+        ("mdrive_sumo/v2x/channel.py", "mdrive_sumo/v2x/comm_settings.py", "mdrive_sumo/v2x/message_counts.py"),
+        ("tests/mdrive_sumo/v2x",),
+    ),
     "loop": Room(("mdrive_sumo/loop/**/*.py",), ("tests/mdrive_sumo/loop",)),
     "match": Room(("real2sim/match/**/*.py",), ("tests/real2sim/match", "tests/real2sim/authored/test_authored.py")),
 }

@@ -3,7 +3,7 @@
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scoring.metrics.metric import ScalarMetric
-from mdrive_sumo.v2x.channel import count_bytes
+from mdrive_sumo.v2x.message_counts import count_bytes
 
 
 def compute_message_rate(episode: EpisodeRecord) -> float:

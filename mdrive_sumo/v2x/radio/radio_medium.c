@@ -58,7 +58,7 @@ static bool add_losses(const Air *air, PyObject *columns, PyObject *transmission
     double numbers[COLLIDING + 1 - SHARE];
     for (int i = SHARE; i <= COLLIDING; i++) {
         PyObject *number = PyTuple_GetItem(bill, i);
-        if (!number || !read_number(number, numbers + i - SHARE)) return false;
+        if (!number || !read_number(number, &numbers[i - SHARE])) return false;
     }
     Py_ssize_t row = sender && lucks ? find_row(columns, sender, air->n) : -1;
     Py_ssize_t count = row < 0 ? -1 : PyTuple_Size(receivers);

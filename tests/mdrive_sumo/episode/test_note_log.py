@@ -19,7 +19,8 @@ from mdrive_sumo.episode.recorder import (
     NoteLog,
 )
 from mdrive_sumo.scoring import scenario_score
-from mdrive_sumo.v2x.channel import MAX_COUNTED_TYPES, OTHER, DeliveryStatus, SentMessage, count_exchanged
+from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.message_counts import MAX_COUNTED_TYPES, OTHER, count_exchanged
 
 NOTES = st.lists(st.builds(Note, st.sampled_from("abcdef"), st.text(max_size=20)), max_size=60)
 

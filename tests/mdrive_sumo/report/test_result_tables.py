@@ -14,7 +14,7 @@ from mdrive_sumo.report.result_tables import (
 )
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarize_run
-from mdrive_sumo.scoring.results import SentRate
+from mdrive_sumo.scoring.results import BusyRatioSummary, SentRate
 
 
 def ego(name: str, outcome: str, reason: str = "", *infractions: tuple[str, float]) -> dict[str, Any]:
@@ -77,6 +77,19 @@ def test_rates_are_means_over_time_and_have_a_line_only_where_they_vary(results:
     changed = summarize_run(results.run, [*sent, results.scenarios[2]])
     assert "messages     cam 8.0/s 240 B/s, denm 0.3/s 13 B/s" in format_summary(changed).splitlines()
     assert "| cam | 8.00 | 240 |" in build_run_report(changed)
+
+
+def test_the_load_of_a_radio_is_a_mean_over_time_and_a_maximum(results: Results) -> None:
+    assert "busy ratio" not in format_summary(results) + build_run_report(results)
+    loads = [BusyRatioSummary(mean=0.1, greatest=0.2), BusyRatioSummary(mean=0.4, greatest=0.5), None]
+    measured = [
+        one.model_copy(update={"busy_ratio": load, "ticks": ticks})
+        for one, load, ticks in zip(results.scenarios, loads, (200, 100, 300), strict=True)
+    ]
+    changed = summarize_run(results.run, measured)
+    assert "busy ratio   mean 0.200, greatest 0.500" in format_summary(changed).splitlines()
+    report = build_run_report(changed)
+    assert "## Messages\n\n- channel busy ratio at the CAVs: mean 0.200, greatest 0.500\n" in report
 
 
 def test_text_table_aligns_names_left_and_numbers_right() -> None:

@@ -12,7 +12,7 @@ from testing.short_suite import shorten
 from mdrive_sumo.cli import main
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
-from mdrive_sumo.v2x.message_rates import compute_message_rates
+from mdrive_sumo.v2x.message_counts import compute_message_rates
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 

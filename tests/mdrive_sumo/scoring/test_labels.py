@@ -14,7 +14,8 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.scoring import ScenarioResult, load_results, make_void_result
 from mdrive_sumo.scoring.labels import COMMUNICATION_LABELS, derive_communication_label, derive_labels
-from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage, count_exchanged
+from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.message_counts import count_exchanged
 
 TYPES = st.sets(st.sampled_from(("cam", "cpm", "mcm", "text", "gossip")))
 FACTS = st.lists(st.sampled_from(("joint", "privileged", "unsandboxed", *COMMUNICATION_LABELS)), unique=True)

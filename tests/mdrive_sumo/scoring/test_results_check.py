@@ -74,6 +74,7 @@ BAD = {
     "forgiven": (("scenarios", 0, "egos", 0, "infractions"), [], ".ip: expected the product of its infractions'"),
     "factor": (("scenarios", 0, "egos", 0, "infractions", 0, "factor"), -1.0, ".factor: expected 0 to 1, found -1.0"),
     "messages": (("scenarios", 0, "notes"), {"hello": -1}, "notes.hello: expected a number of at least 0, found -1"),
+    "load": (("scenarios", 0, "busy_ratio"), {"mean": 0.5, "greatest": 0.4}, ".busy_ratio: expected 0 <= mean <="),
     "ticks": (("scenarios", 0, "egos", 0, "ticks"), 10**9, ".ticks: expected at most the"),
     "void score": (("scenarios", 1, "ds"), 100.0, "scenarios[v].ds: expected 0.0, found 100.0"),
     "mean": (("overall", "bucket_mean", "ds"), 99.5, "overall.bucket_mean.ds: expected "),

@@ -86,6 +86,7 @@ def test_the_schema_describes_every_key_of_the_file() -> None:
         "sensing_track",
         "malformed",
         "sent_rates",
+        "busy_ratio",
     }
     assert schema["$defs"]["ScenarioResult"]["additionalProperties"] is False
     assert schema["properties"]["format"]["const"] == "mdrive-sumo/results/4"

@@ -1,5 +1,7 @@
 """Scores of one episode, from the recording to the scenario result."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,6 +17,8 @@ from mdrive_sumo.scoring import (
     ScoreMode,
     score_episode,
 )
+from mdrive_sumo.scoring.results import BusyRatioSummary
+from mdrive_sumo.v2x.radio.radio_medium import BusyRatio
 
 
 def test_an_episode_makes_a_scenario_result() -> None:
@@ -31,6 +35,15 @@ def test_an_episode_makes_a_scenario_result() -> None:
         ("stop-sign", 101, 0.8),
     ]
     assert (second.ds, second.outcome, second.reason) == (11.4, "agent-failed", "crashed: ValueError: no")
+
+
+def test_the_load_of_a_radio_is_that_at_the_cavs() -> None:
+    """A mean of 0.1, 0.2 and 0.6; a road-side unit beside a loud crowd does not count."""
+    measured = (BusyRatio(0, "0", 0.1), BusyRatio(4, "0", 0.2), BusyRatio(4, "1", 0.6), BusyRatio(4, "rsu", 0.9))
+    heard = score_episode(replace(pair_episode(), busy_ratios=measured), PAIR, ROADS, ScoreMode.MDRIVE, 1)
+    assert heard.busy_ratio == BusyRatioSummary(mean=0.3, greatest=0.6)
+    silent = score_episode(pair_episode(), PAIR, ROADS, ScoreMode.MDRIVE, 1).model_dump(mode="json")
+    assert "busy_ratio" not in silent  # other channels: as before
 
 
 def test_the_same_episode_in_every_mode() -> None:

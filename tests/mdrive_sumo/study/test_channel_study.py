@@ -254,6 +254,10 @@ def test_a_study_of_a_radio_has_its_load_and_classes(driven: Path, tmp_path: Pat
     classes = {row["class"] for row in summary if row["run"] == "sharing, its-g5"}
     assert {"all", "LOS", "NLOSb"} <= classes
     assert summary[0]["busy"] > 0 and summary[-1]["busy"] is None
+    radio, ideal = (json.loads((driven / name / "results.json").read_text()) for name in ("radio", "ideal"))
+    load = radio["scenarios"][0]["busy_ratio"]
+    assert 0 < load["mean"] <= load["greatest"] < 0.1 and "busy_ratio" not in ideal["scenarios"][0]
+    assert "- channel busy ratio at the CAVs: mean 0.0" in (driven / "radio" / "report.md").read_text()
 
 
 BAD_INPUT = [

@@ -10,16 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.v2x.channel import (
-    MAX_COUNTED_TYPES,
-    Channel,
-    DeliveryStatus,
-    Position,
-    SentMessage,
-    count_deliveries,
-    count_exchanged,
-)
+from mdrive_sumo.v2x.channel import Channel, DeliveryStatus, Position, SentMessage
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
+from mdrive_sumo.v2x.message_counts import MAX_COUNTED_TYPES, count_deliveries, count_exchanged
 from mdrive_sumo.v2x.messages import Cam, Direction, Intention, Mcm, ReferencePose, decode, encode
 
 NEAR: Mapping[str, Position] = {"a": (0.0, 0.0), "b": (30.0, 40.0), "c": (0.0, 200.0)}

@@ -14,8 +14,9 @@ from testing.short_suite import make_short_suite
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode.episode_file import load_episode, save_episode
-from mdrive_sumo.v2x.channel import Channel, DeliveryStatus, count_deliveries
+from mdrive_sumo.v2x.channel import Channel, DeliveryStatus
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
+from mdrive_sumo.v2x.message_counts import count_deliveries
 from mdrive_sumo.v2x.messages import encode
 from mdrive_sumo.v2x.radio.path_loss import LinkClass
 from mdrive_sumo.v2x.radio.radio_scene import RadioScene

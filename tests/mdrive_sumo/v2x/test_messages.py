@@ -11,8 +11,9 @@ from testing.message_samples import HEADER, OBJECT, PLACE, cams, contents, cpm_w
 
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.v2x import messages
-from mdrive_sumo.v2x.channel import Channel, SentMessage, count_bytes, count_deliveries, count_malformed, is_malformed
+from mdrive_sumo.v2x.channel import Channel, SentMessage
 from mdrive_sumo.v2x.comm_settings import CommSettings
+from mdrive_sumo.v2x.message_counts import count_bytes, count_deliveries, count_malformed, is_malformed
 from mdrive_sumo.v2x.messages import (
     CAM,
     CPM,
