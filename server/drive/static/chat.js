@@ -46,13 +46,15 @@ class Chat {
     this.showUnread();
   }
 
-  /** Last words of others, as long as they are fresh and the chat is closed. */
-  showHeard(words) {
-    $("heard").hidden = this.isOpen || !words.length;
-    if ($("heard").hidden || this.heard === words.map(({ text }) => text).join("\n")) return;
-    this.heard = words.map(({ text }) => text).join("\n");
-    $("heard").replaceChildren(...words.map(({ from, text }) => {
-      const line = make("li");
+  /** Warnings of others, and their last words as long as they are fresh and the chat is closed. */
+  showHeard({ words = [], warnings = [] }) {
+    const lines = [...warnings.map(({ from, text }) => ({ from, text: `⚠ ${text}`, kind: "warning" })), ...(this.isOpen ? [] : words)];
+    $("heard").hidden = !lines.length;
+    const heard = lines.map(({ from, text }) => `${from} ${text}`).join("\n");
+    if ($("heard").hidden || this.heard === heard) return;
+    this.heard = heard;
+    $("heard").replaceChildren(...lines.map(({ from, text, kind }) => {
+      const line = make("li", kind ?? "");
       line.append(make("b", "", nameCav(from)), text);
       return line;
     }));

@@ -316,7 +316,7 @@ class DrivePage {
     if (!what.centre) return;
     if (this.picture.draw(what, began)) this.notePicture(now);
     this.showInstruments(what);
-    this.chat.showHeard(what.overlays.words ?? NOTHING);
+    this.chat.showHeard(what.overlays);
     this.inputs.touch.show();
   }
 

@@ -1,4 +1,4 @@
-// What the own CAV learned over V2X: shared objects and intentions of the last second, and last words.
+// What the own CAV learned over V2X: shared objects and intentions of the last second, warnings, and last words.
 
 const FRESH_TICKS = 20; // CAM and CPM come 1 to 10 times a second (EN 302 637-2): older ones say too little about now
 const WORDS_TICKS = 120; // words stay for six seconds
@@ -13,6 +13,7 @@ class Exchange {
     this.intentions = new Map(); // sender -> {tick, path}
     this.listed = []; // intentions as they were listed last
     this.words = new Map(); // sender -> {tick, text, at}
+    this.warnings = new Map(); // sender and cause -> {until, from, text, x, y}
   }
 
   /** Takes the messages of a frame; returns those that are words. */
@@ -22,7 +23,15 @@ class Exchange {
       if (path?.length) this.intentions.set(from, { tick, path });
       if (text) this.words.set(from, { tick, text, at });
     }
+    for (const message of messages) if (message.kind === "denm") this.takeWarning(message, tick);
     return messages.filter(({ kind, text }) => kind === "text" && text);
+  }
+
+  /** Each event is repeated until it is over; the last place counts. */
+  takeWarning({ from, cause, event: [x, y], valid_ticks: ticks, ended }, tick) {
+    const name = `${from} ${cause}`;
+    if (ended) this.warnings.delete(name);
+    else this.warnings.set(name, { until: tick + ticks, from, text: cause, x, y });
   }
 
   /**
@@ -35,6 +44,7 @@ class Exchange {
     return {
       shared: fresh(this.shared, FRESH_TICKS).flatMap(move),
       intentions: this.listIntentions(fresh(this.intentions, FRESH_TICKS), colourOf),
+      warnings: [...this.warnings.values()].filter(({ until }) => tick <= until),
       words: fresh(this.words, WORDS_TICKS).flatMap(([from, { text, at }]) => {
         const speaker = users.find(({ id }) => id === from) ?? (at && { x: at[0], y: at[1] });
         return speaker ? [{ from, text, x: speaker.x, y: speaker.y }] : [];

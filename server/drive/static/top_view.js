@@ -51,7 +51,9 @@ class TopView {
     for (const user of picture.users) this.drawRoadUser(user, false);
     if (picture.own) this.drawRoadUser(picture.own, true);
     ctx.setTransform(1, 0, 0, 1, 0, 0);
-    if (!isSmall) this.drawWords(picture.overlays.words ?? []);
+    const { words = [], warnings = [] } = picture.overlays;
+    for (const { x, y } of warnings) this.drawWarning(...this.project(x, y), (isSmall ? 7 : 12) * devicePixelRatio);
+    if (!isSmall) this.drawWords([...warnings, ...words]);
   }
 
   drawRoute(points, width) {
@@ -150,15 +152,36 @@ class TopView {
     }
   }
 
-  /** The last words of others, beside them. */
+  /** A place as pixels of the canvas. */
+  project(x, y) {
+    const { base } = this;
+    return [base[0] * x + base[2] * y + base[4], base[1] * x + base[3] * y + base[5]];
+  }
+
+  /** The sign of a danger: a triangle with an exclamation mark, both in colours that every ground shows. */
+  drawWarning(px, py, size) {
+    const { ctx, theme } = this;
+    ctx.beginPath();
+    for (const [right, down] of [[0, -1], [1, 0.75], [-1, 0.75]]) ctx.lineTo(px + right * size, py + down * size);
+    ctx.closePath();
+    ctx.fillStyle = theme.bad;
+    ctx.fill();
+    ctx.strokeStyle = ctx.fillStyle = theme.halo;
+    ctx.lineWidth = size / 5;
+    ctx.stroke();
+    ctx.fillRect(px - size / 10, py - size / 2, size / 5, size / 1.6);
+    ctx.fillRect(px - size / 10, py + size / 3, size / 5, size / 5);
+  }
+
+  /** The last words and warnings of others, beside them. */
   drawWords(said) {
-    const { ctx, theme, base } = this;
+    const { ctx, theme } = this;
     const ratio = devicePixelRatio;
     ctx.font = `${13 * ratio}px system-ui, sans-serif`;
     ctx.textBaseline = "middle";
     for (const { x, y, text: words } of said) {
       const text = shortened(words);
-      const [px, py] = [base[0] * x + base[2] * y + base[4], base[1] * x + base[3] * y + base[5]];
+      const [px, py] = this.project(x, y);
       const width = ctx.measureText(text).width + 16 * ratio;
       ctx.beginPath();
       ctx.roundRect(px - width / 2, py - 44 * ratio, width, 24 * ratio, 8 * ratio);

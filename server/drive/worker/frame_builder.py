@@ -8,7 +8,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core.geometry import wrap_angles
-from mdrive_sumo.core.state import Frame, Kind, RoadUsers
+from mdrive_sumo.core.state import TICKS_PER_SECOND, Frame, Kind, RoadUsers
 from mdrive_sumo.loop import VEHICLE
 from mdrive_sumo.report.scene_3d import describe_road_user
 from mdrive_sumo.roads import RoadMap
@@ -133,8 +133,12 @@ def _describe_content(content: Cam | Cpm | Mcm | Denm, origin: Origin) -> dict[s
         line = content.planned
         return {"path": [_place(point, origin) for point in (*line[:-1:POINTS_EVERY].tolist(), *line[-1:].tolist())]}
     if isinstance(content, Denm):
-        cause = content.cause.name.lower().replace("_", " ")
-        return {"event": _place((content.x, content.y), origin), "cause": cause, "ended": bool(content.termination)}
+        return {
+            "event": _place((content.x, content.y), origin),
+            "cause": content.cause.name.lower().replace("_", " "),
+            "valid_ticks": round(content.validity_s * TICKS_PER_SECOND),
+            "ended": bool(content.termination),
+        }
     return {"speed": round(content.speed, 2), "yaw": round(content.pose.yaw, 3)}
 
 

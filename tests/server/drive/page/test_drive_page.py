@@ -124,42 +124,6 @@ def test_the_tree_tells_who_drove_which_stretch(opened: Opened) -> None:
     assert [one[1] for one in ends[:-1]] == [one[0] for one in ends[1:]]
 
 
-def test_v2x_and_words(opened: Opened) -> None:
-    server = opened()
-    page = started(server)
-    server.extra = {"messages": MESSAGES}
-    server.drive(2)
-    overlays = "Drive.describe(true).overlays"
-    assert page.evaluate(f"{overlays}.shared[0].x") == pytest.approx(-30, abs=1)
-    assert page.evaluate(f"{overlays}.intentions[0].path") == [[60, 21], [0, 21]]
-    assert page.evaluate(f"{overlays}.words[0].text") == "You go first."
-    assert page.get_attribute("#do-chat", "data-unread") == "1"
-    page.keyboard.press("v")
-    assert page.evaluate(f"{overlays}.shared") is None
-    page.keyboard.press("t")
-    page.keyboard.type("wide as a bus")  # letters that are commands and pedals elsewhere
-    page.keyboard.press("Enter")
-    wait_until(page, "document.querySelectorAll('#words li').length === 2")
-    assert server.asked[-1] == {"do": "say", "text": "wide as a bus"}
-    assert page.evaluate("Drive.inputs.keyboard.held.size") == 0
-    page.keyboard.press("Escape")
-    page.keyboard.down("w")
-    server.drive_until(lambda: server.control.throttle > 0)
-
-
-def test_a_condition_without_v2x_and_chat(opened: Opened) -> None:
-    server = opened(v2x_view=False, chat=False, may_rewind=False)
-    page = started(server)
-    server.extra = {"messages": MESSAGES[:2]}
-    server.drive(2)
-    assert page.evaluate("Drive.describe(true).overlays.shared") is None
-    assert not page.is_visible("#do-v2x") and not page.is_visible("#do-chat")
-    page.keyboard.press("t")
-    assert not page.is_visible("#talk")
-    paused(server)
-    assert not page.is_visible("#rewind") and page.is_visible("#card")
-
-
 def test_an_agent_drives_and_gives_back(opened: Opened) -> None:
     server = opened()
     page = started(server)

@@ -98,5 +98,5 @@ def test_messages_are_told_once_for_all_receivers() -> None:
     assert rows["text"] == {"from": "1", "to": ["0"], "kind": "text", "text": "I wait for 2"}
     assert rows["cpm"]["objects"] == [pytest.approx([30.0, 11.0, 0.1, 4.5, 1.8, 3.0], abs=0.02)]
     assert rows["denm"]["event"] == pytest.approx([30.0, 11.0], abs=0.02)
-    assert (rows["denm"]["cause"], rows["denm"]["ended"]) == ("collision risk", False)
+    assert (rows["denm"]["cause"], rows["denm"]["valid_ticks"], rows["denm"]["ended"]) == ("collision risk", 20, False)
     assert rows["mcm"]["path"] == [[20.0, 10.0], [24.0, 10.0], [28.0, 10.0], [30.0, 10.0]]
