@@ -74,9 +74,9 @@ ROW_M = 45.0
 """[m] Length of a row, past which there is no sight from where CAVs start."""
 DELIVERING = {"truck": 3.0, "semitrailer": 3.0, "bus": 3.0, "van": 1.0}
 """Models of the first vehicle of a row by weight: one that delivers at the corner, in front of which riders are hidden.
-Long ones stand there more often than on streets: through the gap behind a van of 6 m riders are seen in time. Of 36 rows
-of 18 candidates certificates of level `all` held at 4 of 5 that begin with 12 m or more, at 4 of 27 with 9.5 m, at none
-of 4 with a van."""
+Long ones stand there more often than on streets: through the gap behind a van of 6 m riders are seen in time. Of 36
+rows of 18 candidates certificates of level `all` held at 4 of 5 that begin with 12 m or more, at 4 of 27 with 9.5 m, at
+none of 4 with a van."""
 PARKED = {"van": 4.0, "car": 3.0, "truck": 3.0}
 """Models of those behind it by weight: an assumption, too."""
 BUSES = {"articulated-bus": 1.0, "bus": 1.0}
