@@ -6,6 +6,7 @@ the columns; the settings of the runs are JSON in the metadata of the file.
 
 import io
 import json
+import math
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +33,11 @@ SCHEMA = pa.schema(
 )
 """run: index of the run in the metadata `runs`. part: of the study (`Values`). agent: whose scores these are. All other
 columns are those of results."""
+LOADS = ("messages_s", "bytes_s", "busy_mean", "busy_greatest")
+"""Further columns of files in which some run took a radio: what was sent in a second, and how busy the channel was."""
+LOAD_SCHEMA = pa.schema([*SCHEMA, *((name, pa.float64()) for name in LOADS)])
+ALL_TYPES = "(all)"
+"""Whose rates a file holds: those of all types together."""
 OPEN_SCHEMA = pa.schema(
     [("run", pa.int16()), ("agent", pa.string()), ("seed", pa.int32())]
     + [(name, pa.string()) for name in ("id", "bucket", "category", "precision_counts")]
@@ -54,10 +60,12 @@ def write_values(path: Path, values: Values, opened: Sequence[OpenLoopResults] =
     rows = [
         {"run": i, "part": part, "agent": find_compared_agent(results.run)}
         | {name: getattr(one, name) for name in ("seed", *TEXTS, *SCORES)}
+        | _list_loads(one)
         for i, (part, results) in enumerate(runs)
         for one in results.scenarios
     ]
-    _write_table(path, rows, SCHEMA, [results.run for _, results in runs])
+    schema = LOAD_SCHEMA if any(not row.keys().isdisjoint(LOADS) for row in rows) else SCHEMA
+    _write_table(path, rows, schema, [results.run for _, results in runs])
     if opened:
         shown = [
             {"run": i, "agent": results.run.agent}
@@ -67,6 +75,17 @@ def write_values(path: Path, values: Values, opened: Sequence[OpenLoopResults] =
             for one in results.scenarios
         ]
         _write_table(name_open_file(path), shown, OPEN_SCHEMA, [results.run for results in opened])
+
+
+def _list_loads(one: ScenarioResult) -> dict[str, float]:
+    """Return the columns `LOADS`, as far as they were measured."""
+    found: dict[str, float] = {}
+    if rates := one.sent_rates.values():
+        found["messages_s"] = math.fsum(rate.messages_s for rate in rates)
+        found["bytes_s"] = math.fsum(rate.bytes_s for rate in rates)
+    if one.busy_ratio is not None:
+        found |= {"busy_mean": one.busy_ratio.mean, "busy_greatest": one.busy_ratio.greatest}
+    return found
 
 
 def _write_table(path: Path, rows: list[dict[str, Any]], schema: Any, runs: Sequence[BaseModel]) -> None:
@@ -89,7 +108,7 @@ def find_compared_agent(run: RunInfo) -> str:
 
 def read_values(path: Path) -> Values:
     """Return the runs of a file, without CAVs. Raises InputError for a damaged file and for one of another version."""
-    infos, rows = _read_table(path, SCHEMA, RunInfo)
+    infos, rows = _read_table(path, (SCHEMA, LOAD_SCHEMA), RunInfo)
     scenarios: dict[tuple[str, int], list[ScenarioResult]] = {}
     for row in rows:
         with _report_faults(path):
@@ -106,7 +125,7 @@ def read_opened(path: Path) -> Sequence[OpenLoopResults]:
     path = name_open_file(path)
     if not path.is_file():
         return ()
-    infos, rows = _read_table(path, OPEN_SCHEMA, OpenLoopRunInfo)
+    infos, rows = _read_table(path, (OPEN_SCHEMA,), OpenLoopRunInfo)
     scenarios: dict[int, list[OpenLoopScenario]] = {}
     for row in rows:
         with _report_faults(path):
@@ -125,8 +144,10 @@ def _report_faults(path: Path) -> Generator[None]:
         raise InputError(f"{path}: expected runs and scores of this version: {error}") from None
 
 
-def _read_table(path: Path, schema: Any, kind: type[InfoT]) -> tuple[Sequence[InfoT], Sequence[dict[str, Any]]]:
-    """Return the settings of the runs of a file, and its rows."""
+def _read_table(
+    path: Path, schemas: Sequence[Any], kind: type[InfoT]
+) -> tuple[Sequence[InfoT], Sequence[dict[str, Any]]]:
+    """Return the settings of the runs of a file, and its rows; schemas: those it may have, the usual one first."""
     try:
         table = pq.read_table(io.BytesIO(read_bytes(path)))
     except (pa.ArrowException, OSError) as error:
@@ -137,9 +158,9 @@ def _read_table(path: Path, schema: Any, kind: type[InfoT]) -> tuple[Sequence[In
             f"{path}: format: expected {FORMAT}, found {found}; `python -m tools.write_published_tables --values NAME"
             " RUN...` writes it anew"
         )
-    if not table.schema.equals(schema):
+    if not any(table.schema.equals(schema) for schema in schemas):
         raise InputError(
-            f"{path}: expected the columns {', '.join(schema.names)}, found {', '.join(table.schema.names)}"
+            f"{path}: expected the columns {', '.join(schemas[0].names)}, found {', '.join(table.schema.names)}"
         )
     rows = table.to_pylist()
     with _report_faults(path):
@@ -150,4 +171,9 @@ def _read_table(path: Path, schema: Any, kind: type[InfoT]) -> tuple[Sequence[In
 
 
 def _make_result(row: dict[str, Any]) -> ScenarioResult:
-    return ScenarioResult.model_validate({name: row[name] for name in ("seed", *TEXTS, *SCORES)} | LEFT_OUT)
+    facts = {name: row[name] for name in ("seed", *TEXTS, *SCORES)} | LEFT_OUT
+    if row.get("bytes_s") is not None:
+        facts["sent_rates"] = {ALL_TYPES: {name: row[name] for name in ("messages_s", "bytes_s")}}
+    if row.get("busy_mean") is not None:
+        facts["busy_ratio"] = {"mean": row["busy_mean"], "greatest": row["busy_greatest"]}
+    return ScenarioResult.model_validate(facts)

@@ -31,14 +31,18 @@ from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.scenario.scenario import load_model
 from mdrive_sumo.scoring import Results, load_results, summarize_run
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
+from mdrive_sumo.study.conditions import BASE, ChannelCondition
 from mdrive_sumo.study.gain import AGENTS, CELLS, METRICS, GainRow, GainSummary, summarise_gain
 from mdrive_sumo.study.gain_files import build_gain_table, build_score_table, judge_gains
 from mdrive_sumo.study.seasons import SeasonRow, summarise_seasons
 from mdrive_sumo.study.seasons_files import build_seasons_table
-from mdrive_sumo.study.study_files import count_by_chance
+from mdrive_sumo.study.study_files import LOADS, build_study_table, count_by_chance
+from mdrive_sumo.study.study_runs import StudyRow
+from mdrive_sumo.study.study_summary import summarise_rows
 from mdrive_sumo.study.twin_scenarios import TwinFactor
 from mdrive_sumo.study.twins import ORIGINAL, TwinLine, TwinRow, TwinSummary, compare_pairs, pair_twins
 from mdrive_sumo.study.twins_files import build_twins_table
+from mdrive_sumo.v2x.comm_settings import parse_comm
 from tools.aim_tables import (
     MeasuredDrivers,
     SuiteFigure,
@@ -122,6 +126,32 @@ def _list_aims(runs: Runs, list_figures: Callable[[MeasuredDrivers], Iterable[Su
     return _describe_runs(runs), *format_figures([*list_figures(MeasuredDrivers(runs))])
 
 
+def _name_channel(results: Results) -> str:
+    comm = parse_comm(results.run.comm)
+    share = 0.0 if comm.radio is None else comm.radio.connected_background
+    return f"{comm.preset}, {share:.0%} connected" if share else comm.preset
+
+
+def _list_channels(runs: Runs) -> Paragraphs:
+    """Scores of agents by channel; differences are to the channel of the first run."""
+    groups = _group_runs(runs, _name_channel)
+    _, base = next(iter(groups))
+    rows = [
+        StudyRow(
+            agent, ChannelCondition(BASE if name == base else name, parse_comm(found[0].run.comm), {}), found, False
+        )
+        for (agent, name), found in groups.items()
+    ]
+    lines = summarise_rows(rows)
+    counted = describe_comparisons([one for line in lines for one in (line.ds_difference, line.sr_difference)])
+    return (
+        _describe_runs(runs),
+        format_markdown(build_study_table(lines)),
+        f"Condition `{BASE}` is {base}. {LOADS}",
+        counted,
+    )
+
+
 TABLES: Mapping[str, Callable[[Runs], Paragraphs]] = {
     "gain": _list_gain,
     "gain-scores": lambda runs: (format_markdown(build_score_table(_summarise_gain(runs))),),
@@ -130,8 +160,10 @@ TABLES: Mapping[str, Callable[[Runs], Paragraphs]] = {
     "hard-aims": lambda runs: _list_aims(runs, list_hard_figures),
     "v2xpnp-aims": lambda runs: _list_aims(runs, list_log_figures),
     "drivers": lambda runs: (format_drivers(MeasuredDrivers(runs)),),
+    "channels": _list_channels,
 }
-"""What a page can show of a file: tables of `study gain`, of `study seasons`, and of the aims of suites."""
+"""What a page can show of a file: tables of `study gain`, of `study seasons`, of the aims of suites, and of `study
+comm`."""
 TWINS = "twins"
 """The table of `study twins`, whose files have a part for each factor and one for its originals."""
 

@@ -11,6 +11,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
 
 GRIDS = ("one-at-a-time", "full")
+BASE = "base"
+"""Name of the condition of the base channel."""
 Level = tuple[float, ...]
 """The value of a factor: one number, or for the pose error metres and degrees."""
 
@@ -97,7 +99,7 @@ def make_conditions(
     for name, levels in varied.items():
         if len(set(levels)) != len(levels):
             raise InputError(f"study: --{name}: expected different values, found one twice")
-    condition_by_name = {"base": ChannelCondition("base", base, MappingProxyType({}))}
+    condition_by_name = {BASE: ChannelCondition(BASE, base, MappingProxyType({}))}
     for levels in _combine_levels(varied, grid):
         condition = _make_condition(base, levels)
         condition_by_name.setdefault(condition.name, condition)
@@ -129,7 +131,7 @@ def _make_condition(base: CommSettings, levels: Mapping[str, Level]) -> ChannelC
     comm = base
     for name, level in changed.items():
         comm = FACTORS[name].set(comm, level)
-    name = ", ".join(FACTORS[name].text(level) for name, level in changed.items()) or "base"
+    name = ", ".join(FACTORS[name].text(level) for name, level in changed.items()) or BASE
     return ChannelCondition(name, comm, MappingProxyType(changed))
 
 

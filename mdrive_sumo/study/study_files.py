@@ -45,6 +45,9 @@ tells an effect. `off` is the agent with the channel switched off. Scenarios tha
 left out. Efficient SR counts the successes within 2 x `omniscient`'s time; the time ratio is the time needed
 divided by `omniscient`'s, over the scenarios in which every CAV arrives with every seed (`timed`). An agent that
 sends no messages (*) is driven over the base channel only: no channel can change it. {TOO_FEW_NOTE}"""
+LOADS = """\
+kB/s is what all stations together send at ETSI's rates, without headers, a message to many counting once;
+the busy ratio is the share of the time in which the channel of a radio is busy at the CAVs."""
 CAPTURED = """\
 Captured cooperation is (agent - agent with the channel off) / (omniscient - agent with the channel off), on
 the scenario mean of DS; blank where perfect cooperation gains less than 2 DS."""
@@ -107,6 +110,7 @@ def _line_to_dict(line: StudyLine) -> dict[str, Any]:
         "reused": row.reused,
         "void": line.void,
         "timed": line.timed,
+        **{name: value for name in ("bytes_s", "busy_ratio") if (value := getattr(line, name)) is not None},
         **{name: None if value is None else asdict(value) for name, value in numbers.items()},
         "runs": [run_to_dict(results) for results in row.results],
     }
@@ -169,6 +173,7 @@ def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures
         _format_facts(about, lines),
         HOW_TO_READ,
         CAPTURED if _has_captured(lines) else "",
+        LOADS if _has_loads(lines) else "",
         format_markdown(build_study_table(lines)),
         describe_comparisons([one for line in lines for one in (line.ds_difference, line.sr_difference)]),
         *(f"![{picture.stem}]({picture.name})" for picture in pictures),
@@ -204,16 +209,23 @@ def build_study_table(lines: Sequence[StudyLine], *, brief: bool = False) -> Tab
         make_interval_column("ds_difference", "DS - base", has_sign=True),
         make_interval_column("sr_difference", "SR - base", has_sign=True),
         Column("void", "void", decimals=0),
-        *((CAPTURED_COLUMN,) if _has_captured(lines) else ()),
+        CAPTURED_COLUMN,
+        Column("kb_s", "kB/s", undefined=""),
+        Column("busy_ratio", "busy ratio", decimals=3, undefined=""),
     )
-    shown = [i for i, column in enumerate(columns) if not (brief and column.key in ("timed", "sr_difference"))]
+    hidden = {
+        *(("timed", "sr_difference") if brief else ()),
+        *(() if _has_captured(lines) else (CAPTURED_COLUMN.key,)),
+        *(() if _has_loads(lines) else ("kb_s", "busy_ratio")),
+    }
+    shown = [i for i, column in enumerate(columns) if column.key not in hidden]
     cells = [_list_cells(line, brief=brief) for line in lines]
     rows = [make_row([row[i] for i in shown]) for row in cells]
     return Table("study", "The channel and what it does", tuple(columns[i] for i in shown), tuple(rows), left=2)
 
 
 def _list_cells(line: StudyLine, *, brief: bool) -> list[CellValue | Cell]:
-    """Return the cells of all columns, of captured cooperation too; brief: with intervals of DS only."""
+    """Return the cells of all columns; brief: with intervals of DS only."""
     intervals = {name: getattr(line, name) for name in INTERVALS if name != "captured"}
     cells = {
         name: Cell(value.mean if value else None, None if brief and not name.startswith("ds") else value)
@@ -227,11 +239,17 @@ def _list_cells(line: StudyLine, *, brief: bool) -> list[CellValue | Cell]:
         *(cells[name] for name in ("ds_difference", "sr_difference")),
         line.void,
         *list_percent([line.captured.scenario_mean if line.captured else None]),
+        None if line.bytes_s is None else line.bytes_s / 1000.0,
+        line.busy_ratio,
     ]
 
 
 def _has_captured(lines: Sequence[StudyLine]) -> bool:
     return any(line.captured for line in lines)
+
+
+def _has_loads(lines: Sequence[StudyLine]) -> bool:
+    return any(line.bytes_s is not None or line.busy_ratio is not None for line in lines)
 
 
 def make_interval_column(key: str, label: str, *, has_sign: bool = False, decimals: int = 1) -> Column:

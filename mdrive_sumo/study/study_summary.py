@@ -1,6 +1,7 @@
 """Summary of a channel study: a line of numbers for every agent in every condition."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
@@ -13,6 +14,7 @@ from mdrive_sumo.scoring.paired_intervals import (
     group_by_scenario,
     select_defined,
 )
+from mdrive_sumo.study.conditions import BASE
 from mdrive_sumo.study.study_runs import BEST, StudyRow
 
 
@@ -34,6 +36,12 @@ class StudyLine:
     """Number of scenarios in which every CAV arrives with every seed."""
     captured: CapturedCooperation | None
     void: int
+    bytes_s: float | None
+    """Payload bytes that all stations together send in a second, a message to many counting once; None at fixed
+    intervals."""
+    busy_ratio: float | None
+    """Share of the time that the channel is busy at the CAVs; None without a radio. Like the rest a mean over scenarios
+    and seeds."""
 
 
 def summarise_rows(rows: Sequence[StudyRow]) -> tuple[StudyLine, ...]:
@@ -44,8 +52,8 @@ def summarise_rows(rows: Sequence[StudyRow]) -> tuple[StudyLine, ...]:
 
 def _summarise_row(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> StudyLine:
     table = group_by_scenario(row.scenarios)
-    base = group_by_scenario(rows[row.agent, "base"].scenarios)
-    is_base = row.condition.name == "base"
+    base = group_by_scenario(rows[row.agent, BASE].scenarios)
+    is_base = row.condition.name == BASE
     timed = select_defined(table, "time_ratio")
     return StudyLine(
         row,
@@ -58,11 +66,20 @@ def _summarise_row(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> S
         timed=len(timed),
         captured=_compute_captured(row, rows),
         void=sum(scenario.status == "void" for scenario in row.scenarios),
+        bytes_s=_compute_mean(
+            math.fsum(rate.bytes_s for rate in one.sent_rates.values()) for one in row.scenarios if one.sent_rates
+        ),
+        busy_ratio=_compute_mean(one.busy_ratio.mean for one in row.scenarios if one.busy_ratio is not None),
     )
 
 
+def _compute_mean(numbers: Iterable[float]) -> float | None:
+    found = [*numbers]
+    return math.fsum(found) / len(found) if found else None
+
+
 def _compute_captured(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> CapturedCooperation | None:
-    off, best = rows.get((row.agent, "off")), rows.get((BEST, "base"))
+    off, best = rows.get((row.agent, "off")), rows.get((BEST, BASE))
     if off is None or best is None:
         return None
     mode = ScoreMode(row.results[0].run.score_mode)

@@ -1,6 +1,7 @@
 """Published tables and the values behind them: what pages show is what files give, and unusable files."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -13,6 +14,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_markdown
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.scoring import Results, load_unchecked_results, save_results
+from mdrive_sumo.scoring.results import BusyRatioSummary, SentRate
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.study.gain import AGENTS, GainRow, summarise_gain
 from mdrive_sumo.study.gain_files import build_gain_table
@@ -168,6 +170,29 @@ def test_aims_of_v2xpnp_compare_the_same_agent_over_worse_channels() -> None:
     assert found["sharing, 6 ticks of latency"] == (0.0, False)
     assert found["sharing, pose error of 0.6 m and 0.6°"] == (-5.0, True)
     assert found["sharing+negotiation, 6 ticks of latency"] == (None, None)
+
+
+def test_the_table_of_channels_tells_what_was_sent_and_how_busy_they_were(tmp_path: Path) -> None:
+    its_g5 = PRESETS["its-g5"]
+    assert its_g5.radio is not None
+    busy = replace(its_g5, radio=replace(its_g5.radio, connected_background=0.5))
+    loads = {
+        "sent_rates": {"cam": SentRate(messages_s=4.0, bytes_s=200.0), "cpm": SentRate(messages_s=2.0, bytes_s=1000.0)},
+        "busy_ratio": BusyRatioSummary(mean=0.125, greatest=0.5),
+    }
+    runs = [drive("sharing", 80.0), drive("sharing", 75.0, comm=describe_comm(its_g5)),
+            drive("sharing", 70.0, comm=describe_comm(busy))]  # fmt: skip
+    loaded = [one.model_copy(update=loads) for one in runs[2].scenarios]
+    runs[2] = runs[2].model_copy(update={"scenarios": tuple(loaded)})
+    write_values(tmp_path / "x.parquet", {WHOLE: runs})
+    described, table, note, _ = TABLES["channels"](read_values(tmp_path / "x.parquet")[WHOLE])
+    assert described == TABLES["channels"](runs)[0] and note.startswith("Condition `base` is ideal. kB/s")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[2:]]
+    assert [(row[1], row[7], *row[-2:]) for row in rows] == [
+        ("base", "", "", ""),
+        ("its-g5", "-5.0 [-5.0, -5.0]", "", ""),
+        ("its-g5, 50% connected", "-10.0 [-10.0, -10.0]", "1.20", "0.125"),
+    ]
 
 
 def test_the_table_of_twins_is_that_of_the_study(root: Path) -> None:
