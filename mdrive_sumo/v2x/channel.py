@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum, auto
-from types import MappingProxyType
 from typing import NamedTuple
 
 from mdrive_sumo.contract import Message
@@ -74,11 +73,9 @@ class SentMessage:
     """The radio link to each receiver when it was sent; empty unless the channel is a radio."""
 
 
-_Waiting = tuple[Message, int, dict[str, float], tuple[str, ...], dict[str, Delivery], int]
-"""A message for the radio: its index among those of its sender, distances [m] by receiver, the receivers, what becomes
-of it, and its place in the log."""
-_NO_LINKS: Mapping[str, AirLink] = MappingProxyType({})
-"""Of a message that no radio has sent."""
+_Waiting = tuple[Message, int, dict[str, float], tuple[str, ...], dict[str, Delivery]]
+"""A message for the radio: its index among those of its sender, distances [m] by receiver, the receivers, and what
+becomes of it."""
 
 
 class _Flight(NamedTuple):
@@ -104,7 +101,10 @@ class Channel:
         """(seed, sender, n) -> the latest block of ticks, the receivers, and their random numbers; a pure cache."""
         self._budgets: dict[str, _Budget] = {}
         self._flights: dict[int, list[_Flight]] = {}
-        self._log: list[tuple[Message, dict[str, Delivery], Mapping[str, AirLink]]] = []
+        self._sent: list[Message] = []
+        self._deliveries: list[dict[str, Delivery]] = []
+        self._is_on_air: list[bool] = []
+        """For each sent message: what became of it, and whether a radio has it."""
 
     def send(
         self,
@@ -127,12 +127,14 @@ class Channel:
             names = tuple(others)
             for n, message in enumerate(sign_messages(outgoing[sender], sender, tick)):
                 deliveries: dict[str, Delivery] = {}
-                self._log.append((message, deliveries, _NO_LINKS))
+                self._sent.append(message)
+                self._deliveries.append(deliveries)
                 stopped = self._find_drop_reason(message)
+                self._is_on_air.append(stopped is None and self._radio is not None)
                 if stopped is not None:
                     deliveries.update(dict.fromkeys(others, Delivery(stopped, tick)))
                 elif self._radio is not None:
-                    waiting.append((message, n, others, names, deliveries, len(self._log) - 1))
+                    waiting.append((message, n, others, names, deliveries))
                 else:
                     self._transmit(message, n, others, deliveries)
         if waiting:
@@ -154,14 +156,11 @@ class Channel:
                 self._draw_lucks(self._radio_seed, message, n, receivers),
                 message.type != FLOOD,
             )
-            for message, n, _, receivers, _, _ in waiting
+            for message, n, _, receivers, _ in waiting
         ]
         lost = {loss: Delivery(status, tick) for loss, status in _STATUSES.items()}
         receptions = self._radio.transmit(tick, scene, sent)
-        for (message, n, others, receivers, deliveries, place), (arrival_s, losses, links) in zip(
-            waiting, receptions, strict=True
-        ):
-            self._log[place] = message, deliveries, links
+        for (message, n, others, receivers, deliveries), (arrival_s, losses) in zip(waiting, receptions, strict=True):
             if arrival_s == math.inf:
                 deliveries.update(dict.fromkeys(receivers, Delivery(DeliveryStatus.EXPIRED, tick)))
                 continue
@@ -251,10 +250,16 @@ class Channel:
 
     def sent_messages(self) -> tuple[SentMessage, ...]:
         """Return all sent messages in order; messages in transit have no status for their receivers yet."""
-        return tuple(
-            SentMessage(message, dict(deliveries), {name: links[name] for name in deliveries} if links else {})
-            for message, deliveries, links in self._log
-        )
+        links: Mapping[str, Mapping[str, AirLink]] = {}
+        sent: list[SentMessage] = []
+        tick = -1
+        for message, deliveries, is_on_air in zip(self._sent, self._deliveries, self._is_on_air, strict=True):
+            if is_on_air and message.tick != tick and self._radio is not None:
+                tick, links = message.tick, self._radio.list_links(message.tick)
+            own = links[message.sender] if is_on_air else {}
+            over = {name: own[name] for name in deliveries} if is_on_air else {}
+            sent.append(SentMessage(message, dict(deliveries), over))
+        return tuple(sent)
 
     def list_busy_ratios(self) -> tuple[BusyRatio, ...]:
         """Return what every station of a radio measured, in order of ticks and names."""

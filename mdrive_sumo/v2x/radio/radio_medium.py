@@ -89,7 +89,6 @@ class Reception(NamedTuple):
     """When its last packet is on air [s since tick 0]; infinite if it expired."""
     losses: Mapping[str, RadioLoss]
     """The receivers that do not get it."""
-    links: Mapping[str, AirLink]
 
 
 @dataclass(slots=True)
@@ -157,6 +156,8 @@ class RadioMedium:
         self._busy_ratios: list[BusyRatio] = []
         self._bills: dict[int, AirBill] = {}
         self._links: dict[int, AirLink] = {}
+        self._heard: dict[int, tuple[tuple[str, ...], Classes, Float]] = {}
+        """By tick: the stations, and what they heard of each other (n, n), until somebody asks."""
 
     def list_busy_ratios(self) -> tuple[BusyRatio, ...]:
         """Return all measurements, in order of ticks and names."""
@@ -191,11 +192,16 @@ class RadioMedium:
             load.half_duplex_per_packet,
             load.half_duplex_per_second,
         )
-        links = list_links(scene.stations, picture.classes, picture.power_dbm, self._links)
+        n = len(scene.stations)
+        self._heard[tick] = scene.stations, scene.classes[:, :n].copy(), picture.power_dbm[:, :n].copy()
         return [
-            Reception(arrival_s, lost if arrival_s < math.inf else {}, links[one.sender])
-            for one, arrival_s, lost in zip(transmissions, arrivals, losses, strict=True)
+            Reception(arrival_s, lost if arrival_s < math.inf else {})
+            for arrival_s, lost in zip(arrivals, losses, strict=True)
         ]
+
+    def list_links(self, tick: int) -> Mapping[str, Mapping[str, AirLink]]:
+        """Return the links of each station to all others in a tick in which something was sent."""
+        return list_links(*self._heard[tick], self._links)
 
     def _find_bill(self, payload_bytes: int) -> AirBill:
         bill = self._bills.get(payload_bytes)
