@@ -157,7 +157,7 @@ class RadioMedium:
         self._bills: dict[int, AirBill] = {}
         self._links: dict[int, AirLink] = {}
         self._heard: dict[int, tuple[tuple[str, ...], Classes, Float]] = {}
-        """By tick: the stations, and what they heard of each other (n, n), until somebody asks."""
+        """By tick: the stations, and what they heard of each other (n, n): classes and levels [dBm]."""
 
     def list_busy_ratios(self) -> tuple[BusyRatio, ...]:
         """Return all measurements, in order of ticks and names."""
