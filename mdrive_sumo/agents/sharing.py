@@ -60,8 +60,8 @@ class SingleAgent:
         return build_frozen(Reply, None, car.planner.build_plan(seen.tick), (), notes, detections)
 
 
-DEFENCE = {"defence": Option(0, 0, 1, is_switch=True)}
-"""1: do not believe senders that the own sensor contradicts; see docs/attacks.md."""
+DEFENCE = {"defence": Option(1, 0, 1, is_switch=True)}
+"""0: believe every sender, also those that the own sensor contradicts; see docs/defence.md."""
 
 
 class SharingAgent(SingleAgent):

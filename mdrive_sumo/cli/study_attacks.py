@@ -11,7 +11,7 @@ from mdrive_sumo.cli.study_options import StudyOptions, drive_with_display, pars
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.runs.other_agents import SINGLE
-from mdrive_sumo.study.attacks import ATTACKS, DEFENDED, AttackedAgent, AttackStudy, summarise_attacks
+from mdrive_sumo.study.attacks import ATTACKS, UNDEFENDED, AttackedAgent, AttackStudy, summarise_attacks
 from mdrive_sumo.study.attacks_files import attacks_csv, attacks_json, attacks_markdown, build_attacks_table
 from mdrive_sumo.v2x.attacks.attack_settings import parse_attack
 
@@ -71,8 +71,8 @@ def _prepare_agents(given: StudyOptions, name: str) -> Sequence[AttackedAgent]:
     if name not in DEFENDED_AGENTS:
         return (AttackedAgent(name, None, given.prepare_agent(name)),)
     return (
-        AttackedAgent(name, True, given.prepare_agent(name, DEFENDED)),
-        AttackedAgent(name, False, given.prepare_agent(name)),
+        AttackedAgent(name, True, given.prepare_agent(name)),
+        AttackedAgent(name, False, given.prepare_agent(name, UNDEFENDED)),
     )
 
 

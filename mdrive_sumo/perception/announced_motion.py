@@ -6,6 +6,7 @@ that lies about its position contradicts it when the lie begins.
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,14 +25,18 @@ class AnnouncedMotionParameters:
     longest_ticks: int = TICKS_PER_SECOND
     """Positions further apart in time are not compared."""
     horizon_ticks: int = TICKS_PER_SECOND
-    """Announced positions are compared with those after this time: a planner may change its mind at once, but a car
-    that then brakes with 6 m/s2 is off by 3 m at the most."""
+    """Announced positions are compared with those after this time."""
+    broken_ticks: int = TICKS_PER_SECOND + TICKS_PER_SECOND // 2
+    """Announcements broken in a row for so long, from the first to the last, are a lie: one event breaks what was
+    announced in the horizon before it, and a collision lasts a while. In honest drives (docs/defence.md) it takes a
+    second at the most, by CAVs that were struck and then wedged."""
+    longest_gap_ticks: int = 2 * TICKS_PER_SECOND
+    """Longer ago, a broken announcement or a line says nothing of the next: of one a second, one may be lost."""
     window_ticks: int = 2
     """The positions compared may be so much earlier or later: announcements come every 4 ticks."""
     broken_m: float = 2.5
-    """[m] An announcement that is off by more is broken. Chosen by honest drives, see docs/attacks.md."""
-    broken_count: int = 4
-    """So many broken announcements in a row are a lie: those before a sudden stop are at most 3."""
+    """[m] An announcement that is off by more is broken: a change of mind explains so much, as braking with 6 m/s2
+    instead of driving on is off by 3 m after a second."""
 
 
 MOTION = AnnouncedMotionParameters()
@@ -45,7 +50,10 @@ class AnnouncedMotion:
         self._last: tuple[int, float, float, float] | None = None
         """Tick, x, y and speed of the last position."""
         self._announced: deque[Mcm] = deque()
-        self._broken_count = 0
+        self._latest: Mcm | None = None
+        """The newest MCM with a plan that begins where it should."""
+        self._broken_ticks: tuple[int, int] | None = None
+        """When the first and the last of the broken announcements in a row were found."""
 
     def add(self, content: Cam | Mcm | Denm) -> bool:
         """Add a message; return whether it contradicts what the sender said before."""
@@ -63,22 +71,88 @@ class AnnouncedMotion:
         return bool(portable.hypot(pose.x - last[1], pose.y - last[2]) > reach)
 
     def _breaks_announcements(self, mcm: Mcm) -> bool:
+        """Add an MCM; return whether broken announcements in a row are too many for one event.
+
+        Whatever happens to an honest sender at once, a change of mind or a push by another vehicle, breaks only what
+        it announced within the horizon before, without the last part, in which it moves `broken_m`.
+        """
         parameters, tick = self._parameters, mcm.pose.tick
         latest = tick - parameters.horizon_ticks + parameters.window_ticks
         while self._announced and self._announced[0].pose.tick < latest - 2 * parameters.window_ticks:
             self._announced.popleft()
-        due = [one for one in self._announced if one.pose.tick <= latest]
-        if len(mcm.planned):
-            self._announced.append(mcm)
-        if not due:
+        due = next((one for one in self._announced if one.pose.tick <= latest), None)
+        begins_elsewhere = self._begins_elsewhere(mcm)
+        is_broken = begins_elsewhere or (due is not None and _measure_error(due, mcm) > parameters.broken_m)
+        if len(mcm.planned) and not begins_elsewhere:
+            self._latest = mcm
+            if portable.hypot(*_find_offset(mcm)) <= parameters.broken_m:
+                self._announced.append(mcm)
+        if not is_broken:
+            if due is not None or not self._announced:
+                self._broken_ticks = None
             return False
-        x, y = _find_announced_position(due[0], tick)
-        is_broken = portable.hypot(mcm.pose.x - x, mcm.pose.y - y) > parameters.broken_m
-        self._broken_count = self._broken_count + 1 if is_broken else 0
-        if self._broken_count < parameters.broken_count:
+        first, last = self._broken_ticks or (tick, tick)
+        first = tick if tick - last > parameters.longest_gap_ticks else first
+        is_lie = tick - first >= parameters.broken_ticks
+        self._broken_ticks = None if is_lie else (first, tick)
+        return is_lie
+
+    def _begins_elsewhere(self, mcm: Mcm) -> bool:
+        """Return whether a plan begins neither at its sender nor beside it on the line that it announced before.
+
+        A car that was struck plans from the nearest place of its path, which may be far from it for as long as it
+        drives beside its path; its plans are no promises then.
+        """
+        x, y = _find_offset(mcm)
+        most_m, before = self._parameters.broken_m, self._latest
+        if not len(mcm.planned) or portable.hypot(x, y) <= most_m:
             return False
-        self._broken_count = 0
-        return True
+        if before is None or mcm.pose.tick - before.pose.tick > self._parameters.longest_gap_ticks:
+            return False
+        begin = mcm.pose.x - x, mcm.pose.y - y
+        ahead_x, ahead_y = mcm.planned[min(AHEAD_POINTS, len(mcm.planned)) - 1] - begin
+        ahead_m = portable.hypot(float(ahead_x), float(ahead_y))
+        is_beside = abs(x * ahead_x + y * ahead_y) <= most_m * ahead_m or ahead_m < STANDING_M
+        return not is_beside or _measure_gap(before, begin, mcm.pose.tick) > most_m
+
+
+AHEAD_POINTS = 6
+"""The direction of a plan is that to its sixth point, 1.2 s ahead; of a shorter way than `STANDING_M` it has none."""
+STANDING_M = 0.3
+
+
+def _find_offset(mcm: Mcm) -> tuple[float, float]:
+    """Return where a sender is [m], seen from where its plan begins, by the first two points of the plan."""
+    if len(mcm.planned) < 2:
+        return 0.0, 0.0
+    (x, y), (next_x, next_y) = mcm.planned[:2].tolist()
+    return mcm.pose.x - (2 * x - next_x), mcm.pose.y - (2 * y - next_y)
+
+
+def _measure_error(announced: Mcm, mcm: Mcm) -> float:
+    """Return how far [m] a sender is from where it announced that it would be.
+
+    Anything between the announced place and one that is as far beside it as the sender was at first keeps the promise.
+    """
+    x, y = _find_announced_position(announced, mcm.pose.tick)
+    offset_x, offset_y = _find_offset(announced)
+    return _measure_distance((mcm.pose.x, mcm.pose.y), (x, y), (x + offset_x, y + offset_y))
+
+
+def _measure_gap(before: Mcm, place: tuple[float, float], tick: int) -> float:
+    """Return how far [m] a place is from the part of an announced line that its sender was to drive until a tick."""
+    x, y = _find_offset(before)
+    line = np.vstack(((before.pose.x - x, before.pose.y - y), before.planned))
+    points = line[: 2 + int((tick - before.pose.tick) * DT / before.interval_s)].tolist()
+    return min(_measure_distance(place, (a, b), (c, d)) for (a, b), (c, d) in pairwise(points))
+
+
+def _measure_distance(place: tuple[float, float], begin: tuple[float, float], end: tuple[float, float]) -> float:
+    """Return the distance [m] of a place from a straight line between two points."""
+    x, y, along_x, along_y = place[0] - begin[0], place[1] - begin[1], end[0] - begin[0], end[1] - begin[1]
+    square = along_x * along_x + along_y * along_y
+    share = min(max((x * along_x + y * along_y) / square, 0.0), 1.0) if square else 0.0
+    return portable.hypot(x - share * along_x, y - share * along_y)
 
 
 def _find_announced_position(mcm: Mcm, tick: int) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from mdrive_sumo.core.state import DT
 
 @dataclass(frozen=True, slots=True)
 class TrustParameters:
-    """Parameters of `SenderTrust`. All values are chosen; docs/attacks.md has what they were tried on."""
+    """Parameters of `SenderTrust`. All values are chosen; docs/defence.md has what they were tried on."""
 
     least: float = 0.5
     """A sender is believed while trust in it, from 0 to 1, is at least this."""

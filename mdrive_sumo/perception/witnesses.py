@@ -43,10 +43,12 @@ def make_witness(cpm: Cpm, cam: Cam | None, objects: Objects, latency_ticks: int
     return Witness(pose, cpm.objects.free_m, objects)
 
 
-def find_refuted_by_others(boxes: Objects, senders: Sequence[str], witnesses: Mapping[str, Witness]) -> Bool:
+def find_refuted_by_others(
+    boxes: Objects, sigmas: Float, senders: Sequence[str], witnesses: Mapping[str, Witness]
+) -> Bool:
     """Return an (N,) mask of the boxes that `LEAST_WITNESSES` see through, and near which no witness has a detection.
 
-    senders: who reports each box, and is no witness of it.
+    sigmas: (N,) standard deviation [m] of each coordinate. senders: who reports each box, and is no witness of it.
     """
     refuted = np.zeros(len(boxes), dtype=np.bool_)
     rows = np.flatnonzero(find_opaque(boxes))
@@ -57,6 +59,6 @@ def find_refuted_by_others(boxes: Objects, senders: Sequence[str], witnesses: Ma
     for name, witness in witnesses.items():
         is_other = np.array([one != name for one in names], dtype=np.bool_)
         is_supported |= is_other & find_near(parts, witness.objects)
-        count += is_other & find_seen_through(parts, witness.pose, witness.free_m)
+        count += is_other & find_seen_through(parts, sigmas[rows], witness.pose, witness.free_m)
     refuted[rows] = (count >= LEAST_WITNESSES) & ~is_supported
     return refuted

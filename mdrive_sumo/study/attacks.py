@@ -8,7 +8,7 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval
-from mdrive_sumo.runs.evaluate import evaluate
+from mdrive_sumo.runs.evaluate import EpisodeExecutor, evaluate, make_episode_executor
 from mdrive_sumo.runs.prepared_run import PreparedRun, check_attack
 from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.scoring.paired_intervals import ResultTable, bootstrap_results, group_by_scenario, list_results
@@ -18,8 +18,8 @@ from mdrive_sumo.v2x.attacks.attack_settings import NO_ATTACK
 ATTACKS = ("phantom", "hide", "shift", "forge-mcm", "forge-mcm:claim=yield", "replay", "flood")
 """The attacks by default: every kind, by one CAV of each scenario, and both claims of forged MCMs."""
 METRICS = ("ds", "sr")
-DEFENDED: Mapping[str, float] = {"defence": 1}
-"""Options of an agent that has a defence, to drive with it."""
+UNDEFENDED: Mapping[str, float] = {"defence": 0}
+"""Options of an agent that has a defence, to drive without it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class AttackedAgent:
     @property
     def folder(self) -> str:
         """Name of the folder of its runs."""
-        return name_agent_folder(self.run.config.agent) + ("-defended" if self.has_defence else "")
+        return name_agent_folder(self.run.config.agent) + ("-undefended" if self.has_defence is False else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,19 +77,27 @@ class AttackStudy:
         return runs * len(self.seeds) * len(self.alone.run.scenarios)
 
     def rows(self, progress: StudyProgress) -> Iterator[AttackRow]:
-        """Drive the unfinished runs and yield a row for each. Raises InputError and KeyboardInterrupt."""
-        yield self._drive(self.alone, NO_ATTACK, progress)
-        for agent in self.agents:
-            for attack in (NO_ATTACK, *self.attacks):
-                yield self._drive(agent, attack, progress)
+        """Drive the unfinished runs and yield a row for each. Raises InputError and KeyboardInterrupt.
 
-    def _drive(self, agent: AttackedAgent, attack: str, progress: StudyProgress) -> AttackRow:
+        All runs share worker processes, which keep the networks that they have loaded.
+        """
+        limit_s = max(agent.run.limit_s() for agent in (self.alone, *self.agents))
+        with make_episode_executor(self.alone.run.config.workers, limit_s) as executor:
+            yield self._drive(self.alone, NO_ATTACK, progress, executor)
+            for agent in self.agents:
+                for attack in (NO_ATTACK, *self.attacks):
+                    yield self._drive(agent, attack, progress, executor)
+
+    def _drive(
+        self, agent: AttackedAgent, attack: str, progress: StudyProgress, executor: EpisodeExecutor
+    ) -> AttackRow:
         options = replace(agent.run.config.options, attack=attack)
         place = self.folder / RUNS_FOLDER / agent.folder / options.attack.replace(":", "-").replace("=", "-")
         results: list[Results] = []
         for seed in self.seeds:
             progress.run(f"{agent.name}{describe_defence(agent.has_defence)}, attack {attack}, seed {seed}")
-            results.append(evaluate(make_variant(agent.run, options, (seed,), place / f"seed{seed}"), progress))
+            run = make_variant(agent.run, options, (seed,), place / f"seed{seed}")
+            results.append(evaluate(run, progress, executor))
         return AttackRow(agent.name, agent.has_defence, options.attack, tuple(results))
 
 

@@ -11,6 +11,8 @@ from mdrive_sumo.episode import ATTACKERS, load_episode
 from mdrive_sumo.runs.run_config import RunConfig
 
 SCENARIO = ("--suite", "interdrive@0", "--scenario", "i26_ins_oppo_town", "--workers", "1")
+SHORT = ("--suite", "v2xpnp@0", "--scenario", "corridor_014", "--workers", "1")
+"""Two CAVs for nine seconds."""
 
 
 def run(*words: str | Path) -> tuple[int, str]:
@@ -21,14 +23,14 @@ def run(*words: str | Path) -> tuple[int, str]:
 @pytest.mark.slow
 def test_an_attacked_run_says_so_everywhere_and_can_be_verified(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    code, shown = run("eval", *SCENARIO, "--agent", "sharing", "--attack", "phantom:share=30", "--out", out)
+    code, shown = run("eval", *SHORT, "--agent", "sharing", "--attack", "phantom:share=30", "--out", out)
     assert code in (0, 1), shown
     assert "attacked" in shown
     results = json.loads((out / "results.json").read_text())
     assert results["run"]["attack"] == "phantom:share=30" and "attacked" in results["run"]["labels"]
     assert "- attack: phantom:share=30\n" in (out / "report.md").read_text()
     about = load_episode(next((out / "episodes").rglob("*.npz"))).about
-    assert about["attack"] == "phantom:share=30" and about[ATTACKERS] in {"0", "1", "2", "3"}
+    assert about["attack"] == "phantom:share=30" and about[ATTACKERS] in {"cav_1", "cav_2"}
     assert run("verify", out)[0] == 0
 
 

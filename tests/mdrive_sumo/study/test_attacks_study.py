@@ -77,7 +77,7 @@ def test_bad_input_gets_one_sentence(tmp_path: Path, words: tuple[str, ...], sen
 @pytest.mark.slow
 def test_the_command_writes_its_files(tmp_path: Path) -> None:
     out = tmp_path / "study"
-    suite = ("--suite", "interdrive@0", "--scenario", "i39_hw_merge_loop")
+    suite = ("--suite", "v2xpnp@0", "--scenario", "corridor_014")  # two CAVs for nine seconds
     options = ("--agents", "sharing", "--attack", "phantom", "--seeds", "1", "--workers", "1", "--no-record")
     found = invoke("study", "attacks", *suite, *options, "--out", out)
     assert found.exit_code == 0, found.output
@@ -88,6 +88,6 @@ def test_the_command_writes_its_files(tmp_path: Path) -> None:
         ("sharing", True, "none"), ("sharing", True, "phantom"),
         ("sharing", False, "none"), ("sharing", False, "phantom"),
     ]  # fmt: skip
-    digests = [[run["scenarios"]["i39_hw_merge_loop"]["digest"] for run in row["runs"]] for row in page["rows"]]
+    digests = [[run["scenarios"]["corridor_014"]["digest"] for run in row["runs"]] for row in page["rows"]]
     assert digests[1] == digests[3] and digests[2] != digests[4] != digests[1]  # the defence costs nothing without lies
-    assert "# interdrive@0: senders that lie" in (out / "attacks.md").read_text()
+    assert "# v2xpnp@0: senders that lie" in (out / "attacks.md").read_text()
