@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.twins import compare_twins
+from testing.twins import compare_twins, get_compiled
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Float, Int
@@ -83,7 +83,7 @@ def test_the_twin_refuses_arguments_that_do_not_fit(wrong: int) -> None:
     arguments: list[object] = [boxes[:, :2].copy(), np.array([0, 1]), 2, boxes, *ONE_HOUSE]
     arguments[wrong] = np.zeros((2, 2, 2)) if wrong != 5 else np.array([9])
     with pytest.raises((ValueError, TypeError)):
-        classify_links(*arguments)  # pyright: ignore[reportArgumentType] - that is the point
+        get_compiled("sensing_link_classes_classify_links")(*arguments)
 
 
 @pytest.fixture(scope="module")

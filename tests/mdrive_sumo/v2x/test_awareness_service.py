@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from testing.planning import LENGTH, WIDTH, briefing, own, seen, things
-from testing.twins import compare_twins
+from testing.twins import compare_twins, get_compiled
 
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.contract.detector_profiles import LIDAR_SINGLE, PROFILES, DetectionProfile
-from mdrive_sumo.v2x.awareness_service import AwarenessService, compute_sigmas
+from mdrive_sumo.v2x.awareness_service import AwarenessService
 from mdrive_sumo.v2x.messages import (
     CAM,
     CPM,
@@ -98,7 +98,7 @@ def test_compiled_functions_return_what_the_python_text_does(
     compare_twins("v2x_awareness_service_compute_sigmas", replace(profile, spread_doubles_m=0.0), pose, x, y)
     compare_twins("v2x_awareness_service_find_rows_within", x, y, own, 2.0, 150.0)
     with pytest.raises(ValueError, match="expected as many y as x"):
-        compute_sigmas(profile, pose, x, np.zeros(7))
+        get_compiled("v2x_awareness_service_compute_sigmas")(profile, pose, x, np.zeros(7))
 
 
 ETSI = replace(briefing(), v2x_rate="etsi")

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from testing.message_samples import HEADER, PLACE, cams, cpm_with, cpms, mcm_with, mcms, poses
-from testing.twins import compare_twins
+from testing.twins import compare_twins, get_compiled
 
 from mdrive_sumo.core import compiled
 from mdrive_sumo.v2x.content import MAX_OBJECTS, MAX_SECTORS, Cam, Cpm, Mcm, MessageError, ReferencePose
@@ -183,7 +183,7 @@ def test_yaws_whose_difference_is_infinite_are_refused() -> None:
     pose, cpm = replace(PLACE, yaw=-6e304), cpm_with(yaw=np.array([sys.float_info.max]))
     compare_twins("v2x_encoding_encode_cpm", cpm, pose)
     with pytest.raises(MessageError, match="expected finite numbers"):
-        encode_cpm(cpm, pose)
+        get_compiled("v2x_encoding_encode_cpm")(cpm, pose)
 
 
 @pytest.mark.parametrize(("body", "why"), [(b"1234", "at least 5 .* found 4"), (bytes(6), "expected 5 .* found 6")])
@@ -196,7 +196,7 @@ def test_sizes_that_no_message_has(body: bytes, why: str) -> None:
 @pytest.mark.parametrize("arguments", [(b"short",), (bytes(HEADER - 1),)])
 def test_poses_are_not_read_beyond_the_bytes(arguments: tuple[Any, ...]) -> None:
     with pytest.raises(ValueError, match=f"expected at least {HEADER} bytes, found {len(arguments[0])}"):
-        decode_pose(*arguments)
+        get_compiled("v2x_encoding_decode_pose")(*arguments)
 
 
 @pytest.mark.parametrize("tick", [-1, 2**32])
