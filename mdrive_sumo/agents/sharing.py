@@ -132,7 +132,8 @@ class SharingNegotiationAgent(SharingAgent):
 
     def _forget_sender(self, sender: str) -> None:
         super()._forget_sender(sender)
-        self._negotiation.forget(sender)
+        if self._guard is not None and not self._guard.is_believed(sender):
+            self._negotiation.forget(sender)
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with detections, plan and claims."""

@@ -7,12 +7,13 @@ While no check fails, every message passes, and an agent behaves as without a gu
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from mdrive_sumo.contract import Note, Objects, Observation, OwnState
+from mdrive_sumo.contract import Message, Note, Objects, Observation, OwnState
 from mdrive_sumo.contract.detector_profiles import PROFILES
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
@@ -23,7 +24,7 @@ from mdrive_sumo.perception.free_view import find_near, find_seen_through
 from mdrive_sumo.perception.object_tracker import KINDS
 from mdrive_sumo.perception.sender_trust import SenderTrust
 from mdrive_sumo.perception.witnesses import Witness, find_refuted_by_others, make_witness
-from mdrive_sumo.v2x.messages import Cam, Cpm, Denm, Mcm
+from mdrive_sumo.v2x.messages import CAM, MCM, Cam, Cpm, Denm, Mcm
 from mdrive_sumo.v2x.shared_reading import decode_shared, find_shared_problem
 
 CHECK_TICKS = 4
@@ -45,10 +46,26 @@ class _Sender:
     """What is known of one sender."""
 
     claims: ClaimHistory
+    """What it reports of others."""
+    places: ClaimHistory
+    """Where it says that it is."""
     motion: AnnouncedMotion = field(default_factory=AnnouncedMotion)
     cam: Cam | None = None
     """Its newest CAM that no check has used; so for the CPM."""
     cpm: Cpm | None = None
+
+
+class Contradiction(NamedTuple):
+    """What a sender said that is not so."""
+
+    sender: str
+    subject: str
+    """`REPORTS`: what it reports of others; `ITSELF`: its place, motion or plan."""
+    reason: str
+
+
+REPORTS, ITSELF = "reports", "itself"
+REASONS: Mapping[str, str] = {REPORTS: "it reports what is not there", ITSELF: "it is not where it says"}
 
 
 class MessageGuard:
@@ -58,13 +75,21 @@ class MessageGuard:
         """detector: profile of the own detections, which come with its latency. v2x_rate: of the episode."""
         self._claim_parameters = ETSI_CLAIMS if v2x_rate == "etsi" else CLAIMS
         self._latency_ticks = PROFILES[detector].latency_ticks
-        self._trust = SenderTrust()
+        self._trust_by_subject = {REPORTS: SenderTrust(), ITSELF: SenderTrust()}
         self._senders: dict[str, _Sender] = {}
         self._own_states: deque[tuple[int, OwnState]] = deque()
-        self._distrusted: frozenset[str] = frozenset()
+        self._distrusted: Mapping[str, frozenset[str]] = {REPORTS: frozenset(), ITSELF: frozenset()}
+        """Senders that are not believed, by subject; of one that lies of itself nothing is believed."""
+
+    def is_believed(self, sender: str) -> bool:
+        """Return whether a sender is believed what it says of itself."""
+        return sender not in self._distrusted[ITSELF]
 
     def screen(self, seen: Observation) -> tuple[Observation, frozenset[str], tuple[Note, ...]]:
         """Return the observation without messages that are not believed; senders that no longer are, and notes of them.
+
+        Of a sender that only reported of others what is not there, messages about itself are believed: its car
+        drives there all the same, and a car that did not heed its plans would block it.
 
         The observation itself is returned if all messages are believed. To be called in every tick.
         """
@@ -73,21 +98,32 @@ class MessageGuard:
         contradictions = self._read_messages(seen)
         if tick % CHECK_TICKS == 0 and self._senders:
             contradictions += self._compare_with_view(seen)
-        for sender, _ in contradictions:
-            self._trust.record_contradiction(sender, tick)
+        for one in contradictions:
+            self._trust_by_subject[one.subject].record_contradiction(one.sender, tick)
         before = self._distrusted
-        suspects = before | {sender for sender, _ in contradictions}
-        self._distrusted = frozenset(one for one in suspects if not self._trust.is_believed(one, tick))
-        fallen = self._distrusted - before
-        notes = tuple(Note(DISTRUST, f"{one}: {reason}") for one, reason in contradictions if one in fallen)
-        if not self._distrusted or all(message.sender not in self._distrusted for message in seen.messages):
-            return seen, fallen, notes
-        believed = tuple(message for message in seen.messages if message.sender not in self._distrusted)
-        return replace(seen, messages=believed), fallen, notes
+        self._distrusted = {subject: self._find_distrusted(subject, contradictions, tick) for subject in before}
+        fallen = {subject: now - before[subject] for subject, now in self._distrusted.items()}
+        notes = tuple(
+            Note(DISTRUST, f"{one.sender}: {one.reason}") for one in contradictions if one.sender in fallen[one.subject]
+        )
+        believed = tuple(message for message in seen.messages if self._is_message_believed(message))
+        if len(believed) < len(seen.messages):
+            seen = replace(seen, messages=believed)
+        return seen, fallen[REPORTS] | fallen[ITSELF], notes
 
-    def _read_messages(self, seen: Observation) -> list[tuple[str, str]]:
+    def _find_distrusted(self, subject: str, contradictions: Iterable[Contradiction], tick: int) -> frozenset[str]:
+        """Return the senders that are not believed about a subject at a tick."""
+        suspects = self._distrusted[subject] | {one.sender for one in contradictions if one.subject == subject}
+        trust = self._trust_by_subject[subject]
+        return frozenset(one for one in suspects if not trust.is_believed(one, tick))
+
+    def _is_message_believed(self, message: Message) -> bool:
+        is_about_itself = message.type in (CAM, MCM)
+        return self.is_believed(message.sender) and (is_about_itself or message.sender not in self._distrusted[REPORTS])
+
+    def _read_messages(self, seen: Observation) -> list[Contradiction]:
         """Store the messages; return the senders whose motion contradicts what they said, with the reason."""
-        contradictions: dict[str, str] = {}
+        contradictions: dict[str, Contradiction] = {}
         for message in seen.messages:
             if message.type not in KINDS or find_shared_problem(message) is not None:
                 continue
@@ -96,17 +132,19 @@ class MessageGuard:
                 sender.cpm = content
             elif isinstance(content, Cam | Mcm | Denm):
                 if sender.motion.add(content):
-                    contradictions[message.sender] = "it does not move as it says"
+                    reason = "it does not move as it says"
+                    contradictions[message.sender] = Contradiction(message.sender, ITSELF, reason)
                 if isinstance(content, Cam):
                     sender.cam = content
-        return list(contradictions.items())
+        return list(contradictions.values())
 
     def _get_sender(self, name: str) -> _Sender:
         if name not in self._senders:
-            self._senders[name] = _Sender(ClaimHistory(self._claim_parameters))
+            parameters = self._claim_parameters
+            self._senders[name] = _Sender(ClaimHistory(parameters), ClaimHistory(parameters))
         return self._senders[name]
 
-    def _compare_with_view(self, seen: Observation) -> list[tuple[str, str]]:
+    def _compare_with_view(self, seen: Observation) -> list[Contradiction]:
         """Return the senders that report, and have long reported, what the own view refutes, with the reason."""
         taken_tick = seen.tick - self._latency_ticks
         while self._own_states[0][0] < taken_tick:
@@ -117,10 +155,14 @@ class MessageGuard:
         if not names:
             return []
         is_near = find_near(boxes, seen.objects)
-        is_refuted = find_seen_through(boxes, sigmas, self._own_states[0][1], seen.objects.free_m) & ~is_near
-        unseen = np.flatnonzero(~is_near & ~is_refuted)
-        senders = [names[row] for row in unseen.tolist()]
-        is_refuted[unseen] = find_refuted_by_others(boxes.take(unseen), sigmas[unseen], senders, witnesses)
+        is_refuted = np.zeros(len(boxes), dtype=np.bool_)
+        rows = np.flatnonzero(~is_near)
+        is_refuted[rows] = find_seen_through(
+            boxes.take(rows), sigmas[rows], self._own_states[0][1], seen.objects.free_m
+        )
+        rows = np.flatnonzero(~is_near & ~is_refuted)
+        senders = [names[row] for row in rows.tolist()]
+        is_refuted[rows] = find_refuted_by_others(boxes.take(rows), sigmas[rows], senders, witnesses)
         return self._update_claims(seen.tick, names, boxes, is_refuted.tolist(), is_near.tolist())
 
     def _collect_claims(self, tick: int, taken_tick: int) -> tuple[list[str], Objects, Float, dict[str, Witness]]:
@@ -137,7 +179,7 @@ class MessageGuard:
                     parts.append(_place_claims(content, taken_tick))
                     sigmas.append(_find_sigmas(content, taken_tick))
                     names += [name] * len(parts[-1])
-                    if isinstance(content, Cpm) and name not in self._distrusted:
+                    if isinstance(content, Cpm) and self.is_believed(name) and name not in self._distrusted[REPORTS]:
                         witnesses[name] = make_witness(content, sender.cam, parts[-1], self._latency_ticks)
             sender.cam = sender.cpm = None
         if not parts:
@@ -146,19 +188,22 @@ class MessageGuard:
 
     def _update_claims(
         self, tick: int, names: Sequence[str], boxes: Objects, is_refuted: Sequence[bool], is_near: Sequence[bool]
-    ) -> list[tuple[str, str]]:
-        refuted: dict[str, list[Claim]] = {name: [] for name in names}
-        supported: dict[str, list[str]] = {name: [] for name in names}
-        for row, name in enumerate(names):
+    ) -> list[Contradiction]:
+        keys = [(name, REPORTS if boxes.ids[row] else ITSELF) for row, name in enumerate(names)]
+        refuted: dict[tuple[str, str], list[Claim]] = {key: [] for key in keys}
+        supported: dict[tuple[str, str], list[str]] = {key: [] for key in keys}
+        for row, key in enumerate(keys):
             if is_refuted[row]:
-                refuted[name].append(Claim(boxes.ids[row], float(boxes.x[row]), float(boxes.y[row])))
+                refuted[key].append(Claim(boxes.ids[row], float(boxes.x[row]), float(boxes.y[row])))
             elif is_near[row]:
-                supported[name].append(boxes.ids[row])
-        return [
-            (name, "it reports what is not there")
-            for name, claims in refuted.items()
-            if self._senders[name].claims.update(tick, claims, supported[name])
-        ]
+                supported[key].append(boxes.ids[row])
+        lies: list[Contradiction] = []
+        for (name, subject), claims in refuted.items():
+            sender = self._senders[name]
+            history = sender.claims if subject == REPORTS else sender.places
+            if history.update(tick, claims, supported[name, subject]):
+                lies.append(Contradiction(name, subject, REASONS[subject]))
+        return lies
 
 
 def _place_claims(content: Cam | Cpm, tick: int) -> Objects:

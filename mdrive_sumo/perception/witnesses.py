@@ -11,7 +11,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float
+from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.perception.free_view import find_near, find_opaque, find_seen_through
 from mdrive_sumo.v2x.messages import Cam, Cpm, ReferencePose
@@ -54,11 +54,20 @@ def find_refuted_by_others(
     rows = np.flatnonzero(find_opaque(boxes))
     if len(witnesses) < LEAST_WITNESSES or not len(rows):
         return refuted
-    parts, names = boxes.take(rows), [senders[row] for row in rows.tolist()]
-    count, is_supported = np.zeros(len(rows), dtype=np.int64), np.zeros(len(rows), dtype=np.bool_)
+    is_supported = np.zeros(len(rows), dtype=np.bool_)
     for name, witness in witnesses.items():
-        is_other = np.array([one != name for one in names], dtype=np.bool_)
-        is_supported |= is_other & find_near(parts, witness.objects)
-        count += is_other & find_seen_through(parts, sigmas[rows], witness.pose, witness.free_m)
-    refuted[rows] = (count >= LEAST_WITNESSES) & ~is_supported
+        is_supported |= _find_others(name, senders, rows) & find_near(boxes.take(rows), witness.objects)
+    rows = rows[~is_supported]  # views cost more than detections, and most boxes are supported
+    if not len(rows):
+        return refuted
+    parts, count = boxes.take(rows), np.zeros(len(rows), dtype=np.int64)
+    for name, witness in witnesses.items():
+        is_seen_through = find_seen_through(parts, sigmas[rows], witness.pose, witness.free_m)
+        count += _find_others(name, senders, rows) & is_seen_through
+    refuted[rows] = count >= LEAST_WITNESSES
     return refuted
+
+
+def _find_others(name: str, senders: Sequence[str], rows: Int) -> Bool:
+    """Return a mask of the rows of which somebody else than a witness is the sender."""
+    return np.array([senders[row] != name for row in rows.tolist()], dtype=np.bool_)

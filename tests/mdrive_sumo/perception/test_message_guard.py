@@ -215,19 +215,21 @@ def cpm_of(tick: int, objects: Objects) -> Cpm:
     return Cpm(ReferencePose(60.0, 30.0, 0.0, tick), 80.0, objects, np.zeros(len(objects), dtype=np.uint8))
 
 
-def test_a_phantom_in_plain_view_costs_its_sender_the_trust_and_nobody_else() -> None:
+def test_a_phantom_in_plain_view_costs_its_sender_the_trust_in_its_reports_and_nobody_else() -> None:
+    """Its place and plans are believed further on: its car drives there all the same."""
     guard, fallen_at = MessageGuard(IDEAL), {}
     for tick in range(80):
+        place = sent(Cam(ReferencePose(60.0, 30.0, 0.0, tick), 0.0, 0.0, 0.0, 4.5, 1.9), LIAR)
         liar, honest = sent(cpm_of(tick, car(25.0, 0.0)), LIAR), sent(cpm_of(tick, car(0.0, 70.0)), HONEST)
-        observation = look(tick, FREE, None, liar, honest)
+        observation = look(tick, np.minimum(FREE, 60.0), None, liar, place, honest)
         screened, fallen, notes = guard.screen(observation)
         fallen_at |= dict.fromkeys(fallen, tick)
         assert [note.text for note in notes] == [f"{one}: it reports what is not there" for one in fallen]
         if LIAR in fallen_at:
-            assert screened.messages == (honest,)
+            assert screened.messages == (place, honest)
         else:
             assert screened is observation
-    assert fallen_at == {LIAR: 20}
+    assert fallen_at == {LIAR: 20} and guard.is_believed(LIAR)
 
 
 @pytest.mark.parametrize("hidden", [True, False])
@@ -240,11 +242,12 @@ def test_a_car_that_is_hidden_or_detected_is_believed(hidden: bool) -> None:
 
 
 def test_a_sender_whose_own_place_is_seen_to_be_empty_is_not_believed() -> None:
-    guard, fallen = MessageGuard(IDEAL), frozenset[str]()
+    guard, fallen, screened = MessageGuard(IDEAL), frozenset[str](), look(0)
     for tick in range(40):
         cam = Cam(ReferencePose(20.0, 0.0, 0.0, tick), 0.0, 0.0, 0.0, 4.5, 1.9)
-        fallen |= guard.screen(look(tick, FREE, None, sent(cam, LIAR)))[1]
-    assert fallen == {LIAR}
+        screened, now, _ = guard.screen(look(tick, FREE, None, sent(cam, LIAR)))
+        fallen |= now
+    assert fallen == {LIAR} and not guard.is_believed(LIAR) and screened.messages == ()
 
 
 def test_unreadable_messages_are_left_to_the_tracker() -> None:
