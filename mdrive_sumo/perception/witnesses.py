@@ -69,5 +69,5 @@ def find_refuted_by_others(
 
 
 def _find_others(name: str, senders: Sequence[str], rows: Int) -> Bool:
-    """Return a mask of the rows of which somebody else than a witness is the sender."""
+    """Return a mask of the rows whose sender is another one than a witness."""
     return np.array([senders[row] != name for row in rows.tolist()], dtype=np.bool_)
