@@ -26,6 +26,9 @@ class AnnouncedMotionParameters:
     """Positions further apart in time are not compared."""
     horizon_ticks: int = TICKS_PER_SECOND
     """Announced positions are compared with those after this time."""
+    pushed_m: float = 10.0
+    """[m] How far back along its path a car may be pushed: at the 8 m/s of the benchmark for a second and more. It
+    plans from the furthest place that it had reached. In honest drives it was 8 m."""
     broken_ticks: int = TICKS_PER_SECOND + TICKS_PER_SECOND // 2
     """Announcements broken in a row for so long, from the first to the last, are a lie: one event breaks what was
     announced in the horizon before it, and a collision lasts a while. In honest drives (docs/defence.md) it takes a
@@ -98,7 +101,7 @@ class AnnouncedMotion:
         return is_lie
 
     def _begins_elsewhere(self, mcm: Mcm) -> bool:
-        """Return whether a plan begins neither at its sender nor beside it on the line that it announced before.
+        """Return whether a plan begins neither at its sender nor on the line that it announced before, near it.
 
         A car that was struck plans from the nearest place of its path, which may be far from it for as long as it
         drives beside its path; its plans are no promises then.
@@ -110,10 +113,11 @@ class AnnouncedMotion:
         if before is None or mcm.pose.tick - before.pose.tick > self._parameters.longest_gap_ticks:
             return False
         begin = mcm.pose.x - x, mcm.pose.y - y
+        moved_m = abs(mcm.speed) * mcm.interval_s  # by a push that its last plan, a step ago, did not know of
         ahead_x, ahead_y = mcm.planned[min(AHEAD_POINTS, len(mcm.planned)) - 1] - begin
         ahead_m = portable.hypot(float(ahead_x), float(ahead_y))
-        is_beside = abs(x * ahead_x + y * ahead_y) <= most_m * ahead_m or ahead_m < STANDING_M
-        return not is_beside or _measure_gap(before, begin, mcm.pose.tick) > most_m
+        along_m = abs(x * ahead_x + y * ahead_y) / ahead_m if ahead_m >= STANDING_M else 0.0
+        return along_m > self._parameters.pushed_m or _measure_gap(before, begin, mcm.pose.tick) > most_m + moved_m
 
 
 AHEAD_POINTS = 6
