@@ -136,6 +136,9 @@ def _list_channels(runs: Runs) -> Paragraphs:
     """Scores of agents by channel; differences are to the channel of the first run."""
     groups = _group_runs(runs, _name_channel)
     _, base = next(iter(groups))
+    for agent in dict.fromkeys(agent for agent, _ in groups):
+        if (agent, base) not in groups:
+            raise InputError(f"table channels: expected a run of {agent} over channel {base}, found none")
     rows = [
         StudyRow(
             agent, ChannelCondition(BASE if name == base else name, parse_comm(found[0].run.comm), {}), found, False

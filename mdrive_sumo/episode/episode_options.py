@@ -147,7 +147,7 @@ class EpisodeOptions:
 
 
 def _choose_rate(comm: CommSettings) -> SendingRate:
-    """What radios carry is sent by the rules that their load was dimensioned for."""
+    """Return the rate that goes with a channel: what radios carry is sent by the rules that their load is made for."""
     return SendingRate.FIXED if comm.radio is None else SendingRate.ETSI
 
 

@@ -121,8 +121,9 @@ class AnnouncedMotion:
 
 
 AHEAD_POINTS = 6
-"""The direction of a plan is that to its sixth point, 1.2 s ahead; of a shorter way than `STANDING_M` it has none."""
+"""The direction of a plan is that to its sixth point, 1.2 s ahead, ..."""
 STANDING_M = 0.3
+"""[m] ... unless that is nearer: errors of estimated positions are 0.2 m."""
 
 
 def _find_offset(mcm: Mcm) -> tuple[float, float]:

@@ -31,7 +31,8 @@ SOURCES = (
     "requirements.lock",
 )
 PATIENCE_S = 1500
-"""For one command: the longest takes two minutes alone, and ten beside all other jobs of the gate."""
+"""For one command: an image took 220 s on two cores that were shared with little else, and more than 900 s on a busy
+machine."""
 MEMORY_KB = 10e6
 """The store is kept in memory where so much is free: it grows to 3.5 GB, and on a disk that is told of freed blocks at
 once its removal takes four minutes."""

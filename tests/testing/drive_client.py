@@ -8,6 +8,7 @@ from contextlib import ExitStack, suppress
 from types import TracebackType
 from typing import Any, Self
 
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from mdrive_sumo.contract import Control
@@ -64,6 +65,14 @@ class DriveClient:
         if self.welcome["role"] == "driver" and self.frame.state in (FrameState.RUNNING, FrameState.SLOW):
             self.number += 1
             self._socket.send(encode_input(DriveInput(InputDevice.SCRIPT, self.number, 0.0, self.control)))
+
+    def receive_rest(self) -> None:
+        """Take all that the server had sent before it ended, without an answer."""
+        with suppress(ConnectionClosed):
+            while True:
+                message = self._socket.recv(timeout=LIMIT_S)
+                if not isinstance(message, str):
+                    self.frame = decode_frame(message)
 
     @property
     def tick(self) -> int:

@@ -259,6 +259,9 @@ def test_a_table_of_several_seasons_or_with_missing_runs_is_refused() -> None:
                 TABLES[name](runs)
     with pytest.raises(InputError, match=r"expected sharing, sensing realistic, with seeds \[0, 1\], found \[1\]"):
         TABLES["gain"]([one for one in list_gain_runs() if one.run.agent != "sharing" or one.run.seed])
+    other = drive("single", 60.0, comm=describe_comm(PRESETS["its-g5"]))
+    with pytest.raises(InputError, match="table channels: expected a run of single over channel ideal, found none"):
+        TABLES["channels"]([drive("sharing", 70.0), other])
 
 
 def test_a_table_that_is_older_than_its_file_says_so(root: Path) -> None:

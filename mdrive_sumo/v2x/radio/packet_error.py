@@ -24,6 +24,7 @@ CURVE_BYTES: Final = 350
 FIRST_DB, STEP_DB, LAST_DB = -2.0, 0.5, 12.0
 """[dB] SINR of the first and last value of a curve, and between its values. Below all packets are lost, above none."""
 _POINTS = 1 + round((LAST_DB - FIRST_DB) / STEP_DB)
+"""Number of values of a curve."""
 
 
 def _refine(first_db: int, *values: float) -> tuple[float, ...]:

@@ -13,6 +13,7 @@ PER_LN10 = 0.43429448190325182765
 CARRIER_GHZ = 5.9
 """Channel 180 of ITS-G5 (5895 to 5905 MHz, ETSI EN 302 663) and band 47 of LTE-V2X (3GPP TS 36.101)."""
 WAVELENGTH_M = 299_792_458.0 / (CARRIER_GHZ * 1e9)
+"""[m] Speed of light divided by the carrier frequency."""
 LEAST_DISTANCE_M = 1.0
 """Nearer antennas count as this far apart: the formulas are fitted to metres and diverge at 0. Our choice."""
 SUBURBAN_DB, SOURCE_DB, SOURCE_EXPONENT = 2.94, 3.75, 2.69
@@ -56,6 +57,7 @@ DECORRELATION_M = {RadioEnvironment.URBAN: 10.0, RadioEnvironment.HIGHWAY: 25.0}
 LossFormulas = tuple[float, float, float, float]
 """Loss [dB] at 1 m and its growth [dB] per factor 10 of the distance, without and with a building in between."""
 _LOG_GHZ = portable.log(CARRIER_GHZ) * PER_LN10
+"""log10 of the carrier frequency in GHz, as the TR's formulas have it."""
 _BUILDING = 36.85 + 18.9 * _LOG_GHZ, 30.0
 LOSS_FORMULAS: dict[RadioEnvironment, LossFormulas] = {
     RadioEnvironment.URBAN: (38.77 + 18.2 * _LOG_GHZ, 16.7, *_BUILDING),
