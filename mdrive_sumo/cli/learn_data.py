@@ -72,7 +72,8 @@ def command(ctx: click.Context, out: Path, scenarios: int, workers: int, fresh: 
     echo(f"{out}  {len(dataset.shards)} shards and dataset.json")
     failed = [scenario for scenario in _list_scenarios(dataset) if scenario.status == "failed"]
     for scenario in failed:
-        echo(f"scenario {scenario.index} ({scenario.scenario}) failed: {scenario.reason}", err=True)
+        name = f" ({scenario.scenario})" if scenario.scenario else ""
+        echo(f"scenario {scenario.index}{name} failed: {scenario.reason}", err=True)
     done = sum(len(shard.scenarios) for shard in dataset.shards)
     ctx.exit(1 if failed or done < scenarios else 0)
 
@@ -125,17 +126,20 @@ class CollectionDisplay:
         self._total = self._done = self._samples = 0
         self._began = time.monotonic()
 
-    def begin(self, total: int, kept: int) -> None:
+    def begin(self, total: int, kept: int, waiting: int = 0) -> None:
         """See CollectionProgress."""
         self._total, self._done = total, kept
         self._began = time.monotonic()
-        if kept:
-            self.note(f"continuing: {kept} of {total} shards are there")
+        if kept or waiting:
+            self.note(f"continuing: {kept} of {total} shards and {waiting} scenarios of others are there")
+
+    def finish_scenario(self, scenario: CollectedScenario) -> None:
+        """See CollectionProgress."""
+        self._samples += scenario.samples
 
     def finish_shard(self, entry: ShardEntry) -> None:
         """See CollectionProgress."""
         self._done += 1
-        self._samples += entry.samples
         rate = self._samples / max(time.monotonic() - self._began, 1e-3)
         self.note(f"{self._done}/{self._total}  {entry.name}: {entry.samples} samples; {rate:.1f} samples/s")
 

@@ -1,10 +1,11 @@
-"""Make a data set: every few scenarios become one shard, in worker processes; an interrupted collection goes on.
+"""Make a data set: scenarios are driven in worker processes and packed into shards; an interrupted collection goes on.
 
-What is in a shard depends on the settings and the indices of its scenarios only, never on the number of workers.
+What is in a shard depends on the settings and the indices of its scenarios only, never on the number of workers or on
+the order in which scenarios finish.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -12,12 +13,12 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.output_files import remove_parts, write_text
+from mdrive_sumo.core.output_files import make_folder, remove_parts, write_text
 from mdrive_sumo.core.version import __version__
 from mdrive_sumo.learning.collection_settings import CollectionSettings
-from mdrive_sumo.learning.drive_episode import collect_scenario
-from mdrive_sumo.learning.sample_files import SampleFiles, write_shard
+from mdrive_sumo.learning.sample_files import read_members, write_shard
 from mdrive_sumo.learning.sample_format import DATASET_FILE, SHARD_SCENARIOS, CollectedScenario, DatasetFile, ShardEntry
+from mdrive_sumo.learning.scenario_jobs import ScenarioJob, WaitingScenario, order_jobs, run_scenario_job
 from mdrive_sumo.learning.shard_reading import load_dataset_file
 from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.journal import Journal, open_journal
@@ -25,15 +26,21 @@ from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure, describe_write_error
 from mdrive_sumo.scenario.scenario import describe_first_error
 
-SHARD_LIMIT_S = 7200.0
-"""Wall clock of one shard: it ends what hangs, and must not end what only waits for a busy machine."""
+SCENARIO_LIMIT_S = 1800.0
+"""Wall clock of one scenario: it ends what hangs, and must not end what only waits for a busy machine."""
+WAITING_FOLDER = "waiting"
+"""Folder in that of the data set: the samples of finished scenarios until their shard is packed."""
 
 
 class CollectionProgress(Protocol):
     """Receives the progress of a collection."""
 
-    def begin(self, total: int, kept: int) -> None:
-        """The work begins: the number of shards, and how many of them are there already."""
+    def begin(self, total: int, kept: int, waiting: int = 0) -> None:
+        """The work begins: the number of shards, how many are there already, and finished scenarios of other shards."""
+        ...
+
+    def finish_scenario(self, scenario: CollectedScenario) -> None:
+        """A scenario was driven."""
         ...
 
     def finish_shard(self, entry: ShardEntry) -> None:
@@ -46,40 +53,18 @@ class CollectionProgress(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class ShardJob:
-    """One shard to make."""
+class ShardPlan:
+    """A shard of a data set, made or not."""
 
-    settings: CollectionSettings
-    folder: Path
-    number: int
+    name: str
+    """Name of its file."""
     indices: tuple[int, ...]
     """Indices of its scenarios."""
-
-    @property
-    def name(self) -> str:
-        """Name of its file."""
-        return format_shard_name(self.number)
 
 
 def format_shard_name(number: int) -> str:
     """Return the file name of a shard."""
     return f"shard-{number:06d}.tar"
-
-
-def make_shard(job: ShardJob) -> ShardEntry:
-    """Drive the scenarios of a shard and write it. Raises InputError and OSError."""
-    scenarios: list[CollectedScenario] = []
-    size, checksum = write_shard(job.folder / job.name, _collect_samples(job, scenarios))
-    samples = sum(scenario.samples for scenario in scenarios)
-    return ShardEntry(name=job.name, samples=samples, bytes=size, checksum=checksum, scenarios=tuple(scenarios))
-
-
-def _collect_samples(job: ShardJob, scenarios: list[CollectedScenario]) -> Iterator[SampleFiles]:
-    """Yield the samples of a shard; append what became of each scenario. One scenario is in memory at a time."""
-    for index in job.indices:
-        scenario, samples = collect_scenario(job.settings, index)
-        scenarios.append(scenario)
-        yield from samples
 
 
 def collect_dataset(
@@ -90,109 +75,188 @@ def collect_dataset(
     A shard that the journal does not know, or whose file is not the one that it knows, is made again. Raises
     InputError, also for a folder that holds another data set.
     """
-    jobs = _list_jobs(settings, folder, scenarios)
     with open_journal(folder, settings.fingerprint, fresh=fresh) as journal:
         if journal.torn:
             progress.note("the last line of the journal was incomplete and has been dropped")
-        remove_parts(folder)
+        collection = _Collection(settings, folder.resolve(), scenarios, journal, progress)
+        try:
+            collection.prepare_folder(fresh)
+            collection.find_kept()
+            collection.drive_missing(workers)
+            return collection.dataset
+        except OSError as error:
+            raise InputError(describe_write_error(error, error.filename or folder)) from None
+
+
+@dataclass
+class _Collection:
+    """A data set in the making; nothing else works in its folder. Methods raise OSError for it."""
+
+    settings: CollectionSettings
+    folder: Path
+    scenarios: int
+    journal: Journal
+    progress: CollectionProgress
+    entries: dict[str, ShardEntry] = field(default_factory=dict[str, ShardEntry])
+    """The shards that are there, by name."""
+    waiting: dict[int, WaitingScenario] = field(default_factory=dict[int, WaitingScenario])
+    """The finished scenarios of other shards, by index."""
+
+    @property
+    def shards(self) -> list[ShardPlan]:
+        """All shards, also those that are there."""
+        firsts = range(0, self.scenarios, SHARD_SCENARIOS)
+        return [
+            ShardPlan(format_shard_name(number), tuple(range(first, min(first + SHARD_SCENARIOS, self.scenarios))))
+            for number, first in enumerate(firsts)
+        ]
+
+    def find_waiting_file(self, index: int) -> Path:
+        """Return the path of the samples of a finished scenario."""
+        return self.folder / WAITING_FOLDER / f"scenario-{index:06d}.tar"
+
+    def prepare_folder(self, fresh: bool) -> None:
+        """Remove what earlier starts left half written or, if `fresh`, finished."""
+        make_folder(self.folder / WAITING_FOLDER)
+        remove_parts(self.folder)
+        remove_parts(self.folder / WAITING_FOLDER)
         if fresh:
-            _remove_left_files(folder, "shard-*.tar")
-        kept = _find_kept(journal, jobs, progress)
-        progress.begin(len(jobs), len(kept))
-        entries = dict(kept)
-        dataset = _write_dataset(settings, folder, scenarios, entries)
-        for entry in _make_shards([job for job in jobs if job.name not in kept], workers, journal, progress):
-            entries[entry.name] = entry
-            dataset = _write_dataset(settings, folder, scenarios, entries)
-            progress.finish_shard(entry)
-    return dataset
+            for path in (*self.folder.glob("shard-*.tar"), *(self.folder / WAITING_FOLDER).iterdir()):
+                path.unlink()
 
+    def find_kept(self) -> None:
+        """Find what need not be made again, and remove the samples of all other scenarios."""
+        noted_shards, noted_scenarios = _read_noted(self.journal)
+        for shard in self.shards:
+            entry = noted_shards.get(shard.name)
+            if entry is not None and self._is_kept(shard, entry):
+                self.entries[shard.name] = entry
+                continue
+            found = [noted_scenarios[index] for index in shard.indices if index in noted_scenarios]
+            self.waiting |= {one.scenario.index: one for one in found if self._is_waiting(one)}
+        kept = {self.find_waiting_file(index) for index in self.waiting}
+        for path in (self.folder / WAITING_FOLDER).iterdir():
+            if path not in kept:
+                path.unlink()
+        self.progress.begin(len(self.shards), len(self.entries), len(self.waiting))
 
-def _list_jobs(settings: CollectionSettings, folder: Path, scenarios: int) -> list[ShardJob]:
-    return [
-        ShardJob(
-            settings,
-            folder.resolve(),
-            first // SHARD_SCENARIOS,
-            tuple(range(first, min(first + SHARD_SCENARIOS, scenarios))),
+    def _is_kept(self, shard: ShardPlan, entry: ShardEntry) -> bool:
+        """Return whether a shard holds all its scenarios and is the file that was noted."""
+        if not set(shard.indices) <= {one.index for one in entry.scenarios if one.status != "failed"}:
+            return False
+        path = self.folder / shard.name
+        if _is_as_noted(path, entry):
+            return True
+        self.progress.note(f"{path}: expected the shard that was written, found another file or none; it is made again")
+        return False
+
+    def _is_waiting(self, entry: WaitingScenario) -> bool:
+        """Return whether the samples of a finished scenario are there; those of a packed one are not."""
+        path = self.find_waiting_file(entry.scenario.index)
+        if entry.scenario.status == "failed" or not path.is_file():
+            return False
+        if _is_as_noted(path, entry):
+            return True
+        self.progress.note(f"{path}: expected the samples that were written, found others; they are made again")
+        return False
+
+    def drive_missing(self, workers: int) -> None:
+        """Drive the scenarios that are missing and pack each shard when its last one is there. Raises InputError."""
+        self._write_dataset()
+        missing = [shard for shard in self.shards if shard.name not in self.entries]
+        shard_by_index = {index: shard for shard in missing for index in shard.indices}
+        jobs = [
+            ScenarioJob(self.settings, self.find_waiting_file(index), index)
+            for index in shard_by_index
+            if index not in self.waiting
+        ]
+        for shard in missing:  # a kill may come between the last scenario of a shard and the shard
+            self._pack_if_complete(shard)
+        with make_executor(run_scenario_job, workers, SCENARIO_LIMIT_S) as executor:
+            for job, outcome in run_jobs(executor, order_jobs(jobs, workers)):
+                entry = self.waiting[job.index] = self._note(job, outcome)
+                self.progress.finish_scenario(entry.scenario)
+                self._pack_if_complete(shard_by_index[job.index])
+        with suppress(OSError):  # scenarios wait in it for one that has failed
+            (self.folder / WAITING_FOLDER).rmdir()
+
+    def _note(self, job: ScenarioJob, outcome: WaitingScenario | WorkerFailure) -> WaitingScenario:
+        """Note what became of a scenario. Raises InputError for what the user has to correct."""
+        name = job.path.stem
+        if not isinstance(outcome, WorkerFailure):
+            self.journal.add_result({"id": name, "waiting": outcome.model_dump(mode="json")}, outcome.checksum)
+            return outcome
+        if outcome.kind is FailureKind.INPUT:
+            raise InputError(outcome.reason)
+        self.journal.add_failure(name, outcome.reason)
+        self.progress.note(f"{name}: {outcome.reason}; the same command tries it again")
+        failed = CollectedScenario(index=job.index, status="failed", reason=outcome.reason)
+        return WaitingScenario(scenario=failed, bytes=0, checksum="")
+
+    def _pack_if_complete(self, shard: ShardPlan) -> None:
+        """Write a shard if all its scenarios wait; they are kept if one has failed, to be packed with it later."""
+        if not all(index in self.waiting for index in shard.indices):
+            return
+        scenarios = tuple(self.waiting.pop(index).scenario for index in shard.indices)
+        files = [self.find_waiting_file(one.index) for one in scenarios if one.status != "failed"]
+        size, checksum = write_shard(self.folder / shard.name, read_members(files))
+        samples = sum(one.samples for one in scenarios)
+        entry = ShardEntry(name=shard.name, samples=samples, bytes=size, checksum=checksum, scenarios=scenarios)
+        self.journal.add_result({"id": entry.name, "shard": entry.model_dump(mode="json")}, checksum)
+        self.entries[entry.name] = entry
+        self._write_dataset()
+        if len(files) == len(scenarios):
+            for path in files:
+                path.unlink()
+        self.progress.finish_shard(entry)
+
+    @property
+    def dataset(self) -> DatasetFile:
+        """What the data set holds now."""
+        settings, shards = self.settings, tuple(entry for _, entry in sorted(self.entries.items()))
+        return DatasetFile(
+            program=__version__,
+            split=settings.split,
+            seed=settings.seed,
+            expert=settings.expert,
+            rigs=settings.rigs,
+            perturbation=settings.perturbation,
+            driver=settings.driver_checksum,
+            mix=settings.mix,
+            round=settings.round,
+            suite=settings.suite,
+            requested=self.scenarios,
+            samples=sum(shard.samples for shard in shards),
+            shards=shards,
         )
-        for first in range(0, scenarios, SHARD_SCENARIOS)
-    ]
+
+    def _write_dataset(self) -> None:
+        """Write `dataset.json`, whole or not at all."""
+        write_text(self.folder / DATASET_FILE, self.dataset.model_dump_json(indent=1) + "\n")
 
 
-def _remove_left_files(folder: Path, pattern: str) -> None:
-    """Remove files of earlier starts; nothing else works in a locked folder."""
-    for path in folder.glob(pattern):
-        path.unlink()
+def _is_as_noted(path: Path, entry: ShardEntry | WaitingScenario) -> bool:
+    if not path.is_file() or path.stat().st_size != entry.bytes:
+        return False
+    return compute_file_checksum(path) == entry.checksum
 
 
-def _find_kept(journal: Journal, jobs: Sequence[ShardJob], progress: CollectionProgress) -> dict[str, ShardEntry]:
-    """Return the shards that need not be made: noted with all their scenarios, and still the file that was noted."""
-    noted = {entry.name: entry for entry in _read_entries(journal)}
-    kept: dict[str, ShardEntry] = {}
-    for job in jobs:
-        entry = noted.get(job.name)
-        if entry is None or not set(job.indices) <= {one.index for one in entry.scenarios if one.status != "failed"}:
-            continue
-        path = job.folder / job.name
-        if path.is_file() and path.stat().st_size == entry.bytes and compute_file_checksum(path) == entry.checksum:
-            kept[job.name] = entry
-        else:
-            progress.note(f"{path}: expected the shard that was written, found another file or none; it is made again")
-    return kept
-
-
-def _read_entries(journal: Journal) -> Iterator[ShardEntry]:
+def _read_noted(journal: Journal) -> tuple[dict[str, ShardEntry], dict[int, WaitingScenario]]:
+    """Return the last entry of each shard by name and of each scenario by index. Raises InputError."""
+    shards: dict[str, ShardEntry] = {}
+    scenarios: dict[int, WaitingScenario] = {}
     for line in journal.results:
         try:
-            yield ShardEntry.model_validate(line["shard"])
+            if "shard" in line:
+                shard = ShardEntry.model_validate(line["shard"])
+                shards[shard.name] = shard
+            else:
+                scenario = WaitingScenario.model_validate(line["waiting"])
+                scenarios[scenario.scenario.index] = scenario
         except (ValidationError, KeyError) as error:
-            what = describe_first_error(error) if isinstance(error, ValidationError) else "expected a shard"
+            what = describe_first_error(error) if isinstance(error, ValidationError) else "expected a shard or scenario"
             raise InputError(f"{journal.path}: {line['id']!r:.80}: {what}; --fresh starts anew") from None
-
-
-def _make_shards(
-    jobs: Sequence[ShardJob], workers: int, journal: Journal, progress: CollectionProgress
-) -> Iterator[ShardEntry]:
-    """Make shards in worker processes and note each. Raises InputError for what the user has to correct."""
-    with make_executor(make_shard, workers, SHARD_LIMIT_S) as executor:
-        for job, outcome in run_jobs(executor, jobs):
-            if isinstance(outcome, WorkerFailure):
-                if outcome.kind is FailureKind.INPUT:
-                    raise InputError(outcome.reason)
-                journal.add_failure(job.name, outcome.reason)
-                progress.note(f"{job.name}: {outcome.reason}; the same command tries it again")
-                continue
-            journal.add_result({"id": outcome.name, "shard": outcome.model_dump(mode="json")}, outcome.checksum)
-            yield outcome
-
-
-def _write_dataset(
-    settings: CollectionSettings, folder: Path, scenarios: int, entries: Mapping[str, ShardEntry]
-) -> DatasetFile:
-    """Write `dataset.json`, whole or not at all."""
-    shards = tuple(entry for _, entry in sorted(entries.items()))
-    dataset = DatasetFile(
-        program=__version__,
-        split=settings.split,
-        seed=settings.seed,
-        expert=settings.expert,
-        rigs=settings.rigs,
-        perturbation=settings.perturbation,
-        driver=settings.driver_checksum,
-        mix=settings.mix,
-        round=settings.round,
-        suite=settings.suite,
-        requested=scenarios,
-        samples=sum(shard.samples for shard in shards),
-        shards=shards,
-    )
-    path = folder / DATASET_FILE
-    try:
-        write_text(path, dataset.model_dump_json(indent=1) + "\n")
-    except OSError as error:
-        raise InputError(describe_write_error(error, path)) from None
-    return dataset
+    return shards, scenarios
 
 
 EXPERT_SHARE = 0.2

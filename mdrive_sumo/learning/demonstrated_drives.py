@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from mdrive_sumo.core.version import __version__
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.export.demonstrations import Known, select_new_ticks
 from mdrive_sumo.export.export_run import select_recorded
-from mdrive_sumo.learning.collection import format_shard_name
+from mdrive_sumo.learning.collection import CollectionProgress, format_shard_name
 from mdrive_sumo.learning.drive_episode import find_usable_end
 from mdrive_sumo.learning.recorded_rigs import build_rig_sensors
 from mdrive_sumo.learning.recording_agent import (
@@ -34,7 +33,7 @@ from mdrive_sumo.learning.recording_agent import (
     build_decision,
     encode_sight,
 )
-from mdrive_sumo.learning.sample_files import SampleFiles, encode_sample, write_shard
+from mdrive_sumo.learning.sample_files import SampleFiles, encode_sample, pack_samples, write_shard
 from mdrive_sumo.learning.sample_format import (
     DATASET_FILE,
     CollectedScenario,
@@ -55,14 +54,6 @@ from mdrive_sumo.scoring.metrics import ScoredEpisode, build_ego_records
 
 SPLIT = "takes"
 """In place of a split of training scenarios: people drive scenarios of suites."""
-
-
-class DemonstrationProgress(Protocol):
-    """Receives the progress of a collection."""
-
-    def finish_shard(self, entry: ShardEntry) -> None:
-        """A take is done."""
-        ...
 
 
 @dataclass
@@ -99,7 +90,7 @@ class _Drive:
 
 
 def collect_demonstrations(
-    takes: Sequence[StoredRun], rigs: tuple[str, ...], out: Path, progress: DemonstrationProgress
+    takes: Sequence[StoredRun], rigs: tuple[str, ...], out: Path, progress: CollectionProgress
 ) -> DatasetFile:
     """Write a data set into `out`, a new or empty folder: a shard for each take that has samples.
 
@@ -113,6 +104,7 @@ def collect_demonstrations(
                 entry = _collect_take(stored, result, rigs, known, (draft, len(entries)))
                 if entry.samples:
                     entries.append(entry)
+                    progress.finish_scenario(entry.scenarios[0])
                     progress.finish_shard(entry)
         if not entries:
             raise InputError(f"{takes[0].run.folder}: expected a person who drives for 3 s or more, found none")
@@ -159,7 +151,7 @@ def _collect_take(
         take = observe_take(job, record, partial(_show, shown), sensors)
         samples = _build_samples(_Drive(take, scenario, roads, result.seed), shown, number)
     name = format_shard_name(number)
-    size, checksum = write_shard(folder / name, samples) if samples else (0, "")
+    size, checksum = write_shard(folder / name, pack_samples(samples)) if samples else (0, "")
     about = CollectedScenario(
         index=number,
         status="done",

@@ -29,7 +29,7 @@ FORMAT = "mdrive-sumo/training-data/1"
 DATASET_FILE = "dataset.json"
 SPLITS = ("train", "val")
 SHARD_SCENARIOS = 4
-"""Scenarios of one shard: with six cameras about 100 MB, and what a killed worker loses."""
+"""Scenarios of one shard: with six cameras about 100 MB."""
 LABELS_SUFFIX, INSTRUCTION_SUFFIX, ABOUT_SUFFIX, IMAGE_ENDING = "labels.npz", "instruction.txt", "about.json", ".jpg"
 BOX_COLUMNS = ("x", "y", "yaw", "length", "width", "speed", "class", "is_visible", "id")
 """Columns of `boxes`; class is a `RoadUserModel`, id a number that is unique and constant in its episode."""

@@ -27,7 +27,7 @@ from mdrive_sumo.sensing.lidar_world import (
     select_walls,
 )
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
-from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
+from mdrive_sumo.sensing.sensor_options import MAX_EVERY_TICKS, check_option_names, read_choice, read_number, read_whole
 
 CHANNELS = 64
 """With `RANGE_M` and `FIELD_DEG`, fixed by the paper's wrapper (docs/range-sensors.md)."""
@@ -62,7 +62,10 @@ RAY_ATTRIBUTES = (
     *("dropoff_general_rate", "dropoff_intensity_limit", "dropoff_zero_intensity", "noise_stddev"),
 )
 """Options that CARLA agents declare; the paper's wrapper overrides them."""
-OPTIONS = ("profile", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg", "noise_m", "dropout", "hit_ids")
+OPTIONS = (
+    *("profile", "every_ticks", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg"),
+    *("noise_m", "dropout", "hit_ids"),
+)
 
 HIT_IDS = "hit_ids"
 """Option that says which object each point lies on: a list of objects by another name."""
@@ -97,7 +100,8 @@ class LidarMount:
 class LidarSensor:
     """LiDAR with the pose that the agent declares and the rays of the paper's wrapper.
 
-    Options: profile, x, y, z [m], roll_deg, pitch_deg, yaw_deg, noise_m, dropout, hit_ids; see docs/range-sensors.md.
+    Options: profile, every_ticks, x, y, z [m], roll_deg, pitch_deg, yaw_deg, noise_m, dropout, hit_ids; see
+    docs/range-sensors.md.
     """
 
     def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
@@ -105,6 +109,7 @@ class LidarSensor:
         _check_rays(spec)
         check_option_names(spec, OPTIONS)
         self._profile = PROFILES[read_choice(spec, "profile", "default", PROFILES)]
+        self._every_ticks = math.lcm(self._profile.every_ticks, read_whole(spec, "every_ticks", 1, 1, MAX_EVERY_TICKS))
         self._mount = _mount(spec, fitting)
         self._noise_m = read_number(spec, "noise_m", 0.0, 0.0, 1.0)
         self._dropout = read_number(spec, "dropout", 0.0, 0.0, 1.0)
@@ -116,7 +121,7 @@ class LidarSensor:
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> PointCloud | None:
         """The scan of this tick, None in ticks without one."""
-        if scene.tick % self._profile.every_ticks:
+        if scene.tick % self._every_ticks:
             return None
         place, boxes = self._mount.to_world(eye), scene.boxes
         around = select_boxes(boxes, eye.carrier_row, place, self._range)
@@ -187,7 +192,9 @@ def price_lidar(spec: SensorSpec) -> float:
     ray_ms = TILTED_RAY_MS if leans else RAY_MS
     if any(spec.options.get(name) for name in (HIT_IDS, "noise_m", "dropout")):
         ray_ms += EXTRA_RAY_MS
-    return ray_ms * profile.columns * CHANNELS / profile.every_ticks
+    every = spec.options.get("every_ticks", 1)
+    ticks = round(every) if isinstance(every, int | float) and 1 <= every <= MAX_EVERY_TICKS else 1
+    return ray_ms * profile.columns * CHANNELS / math.lcm(profile.every_ticks, ticks)
 
 
 def find_lidar_labels(spec: SensorSpec) -> str:

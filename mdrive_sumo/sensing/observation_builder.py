@@ -75,6 +75,7 @@ class ObservationBuilder:
         """
         rows = {ego: row for row, ego in enumerate(frame.egos)} if scene is not None else {}
         observations: dict[str, Observation] = {}
+        privileged: Privileged | None = None  # the same for all CAVs
         for ego, messages in messages_by_ego.items():
             state, carrier, estimator = frame.egos[ego], self._carriers[ego], self._estimators.get(ego)
             estimate = None if estimator is None else estimator.estimate(frame.tick, state)
@@ -86,7 +87,7 @@ class ObservationBuilder:
             eye = build_frozen(SensorPose, state.x, state.y, state.yaw, rows[ego], estimate)
             fields = carrier.sense(scene, eye)
             if carrier.privileged:
-                fields["privileged"] = self._privileged(scene, plans)
+                fields["privileged"] = privileged = privileged or self._privileged(scene, plans)
             observation = Observation(frame.tick, own, signals=lights, messages=messages, **fields)
             if carrier.objects_sensor is not None:
                 observation.defer(partial(_sense_or_void, carrier.objects_sensor.defer(scene, eye)))

@@ -9,7 +9,7 @@ import pytest
 from mdrive_sumo.learning.collection import collect_dataset
 from mdrive_sumo.learning.collection_settings import CollectionSettings
 from mdrive_sumo.learning.drive_episode import CollectedDrive, drive_scenario
-from mdrive_sumo.learning.sample_format import DatasetFile, ShardEntry
+from mdrive_sumo.learning.sample_format import CollectedScenario, DatasetFile, ShardEntry
 from testing.local_executor import LocalExecutor
 from testing.short_suite import make_short_suite
 
@@ -23,12 +23,16 @@ class SilentProgress:
 
     def __init__(self) -> None:
         self.notes: list[str] = []
-        self.kept = 0
+        self.kept = self.waiting = 0
+        self.driven: list[int] = []
         self.made: list[str] = []
 
-    def begin(self, total: int, kept: int) -> None:
+    def begin(self, total: int, kept: int, waiting: int = 0) -> None:
         del total
-        self.kept = kept
+        self.kept, self.waiting = kept, waiting
+
+    def finish_scenario(self, scenario: CollectedScenario) -> None:
+        self.driven.append(scenario.index)
 
     def finish_shard(self, entry: ShardEntry) -> None:
         self.made.append(entry.name)

@@ -68,11 +68,15 @@ class SystemSpec:
     """What follows the plan (`vehicle.control.CONTROLLERS`)."""
 
     def build_sensors(self) -> tuple[SensorSpec, ...]:
-        """Return the cameras that the network uses, at its decisions only, the speedometer, and the LiDAR if used."""
+        """Return the cameras that the network uses, the speedometer, and the LiDAR if used.
+
+        Cameras and LiDAR measure at decisions only.
+        """
         used = {camera for image in self.images for camera in image.cameras}
         rig = build_camera_rig(self.rig, self.scale, every_ticks=DECISION_TICKS)
         cameras = tuple(spec for spec in rig if spec.id in used)
-        lidar = (SensorSpec("lidar", "top", options={"profile": "lmdrive"}),) if self.uses_lidar else ()
+        scans = {"profile": "lmdrive", "every_ticks": DECISION_TICKS}
+        lidar = (SensorSpec("lidar", "top", options=scans),) if self.uses_lidar else ()
         return (*cameras, SensorSpec("speedometer"), *lidar)
 
 

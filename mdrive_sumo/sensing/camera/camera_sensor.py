@@ -8,11 +8,10 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import CameraImage, SensorSpec
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraMount, CameraView, ImageKind
 from mdrive_sumo.sensing.camera.lighting import LIGHT_OF_WEATHER, LIGHTS
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
-from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
+from mdrive_sumo.sensing.sensor_options import MAX_EVERY_TICKS, check_option_names, read_choice, read_number, read_whole
 
 OPTIONS = (
     *("kind", "width", "height", "fov_deg", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg", "every_ticks"),
@@ -41,7 +40,7 @@ class CameraSensor:
 
         check_option_names(spec, OPTIONS)
         self._model = read_camera_model(spec)
-        self._every_ticks = _read_whole(spec, "every_ticks", 1, 1, 200)
+        self._every_ticks = read_whole(spec, "every_ticks", 1, 1, MAX_EVERY_TICKS)
         light = read_choice(spec, "light", SCENARIO_LIGHT, (SCENARIO_LIGHT, *LIGHTS))
         self._light = LIGHTS[LIGHT_OF_WEATHER[fitting.weather.name] if light == SCENARIO_LIGHT else light]
         self._exposure = read_number(spec, "exposure", 1.0, 0.1, 10.0)
@@ -131,7 +130,7 @@ def read_camera_model(spec: SensorSpec) -> CameraModel:
     """Return size, field of view and pose that a specification declares. Raises InputError."""
     kind = ImageKind(read_choice(spec, "kind", ImageKind.RGB, [kind.value for kind in ImageKind]))
     width, height = (
-        _read_whole(spec, name, default, 16, MAX_SIDE_PX) for name, default in (("width", 400), ("height", 224))
+        read_whole(spec, name, default, 16, MAX_SIDE_PX) for name, default in (("width", 400), ("height", 224))
     )
     x, y = (read_number(spec, name, default, -10.0, 10.0) for name, default in (("x", 1.3), ("y", 0.0)))
     z = read_number(spec, "z", 2.3, 0.1, 100.0)
@@ -140,10 +139,3 @@ def read_camera_model(spec: SensorSpec) -> CameraModel:
     )
     fov = read_number(spec, "fov_deg", 100.0, 5.0, 160.0)
     return CameraModel(kind, width, height, fov, CameraMount(x, y, z, roll, pitch, yaw))
-
-
-def _read_whole(spec: SensorSpec, name: str, default: int, low: int, high: int) -> int:
-    value = read_number(spec, name, default, low, high)
-    if not value.is_integer():
-        raise InputError(f"sensor {spec.kind!r}: option {name!r}: expected a whole number, found {value}")
-    return int(value)

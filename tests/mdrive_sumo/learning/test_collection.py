@@ -7,14 +7,18 @@ import subprocess
 import sys
 import tarfile
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
 from testing.processes import wait_for
 from testing.training_data import SilentProgress, collect_here, copy_dataset, make_settings
 
 from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.learning import collection, collection_settings, drive_episode, training_scenarios
-from mdrive_sumo.learning.collection import collect_dataset
+from mdrive_sumo.learning import collection, collection_settings, drive_episode, scenario_jobs, training_scenarios
+from mdrive_sumo.learning.collection import WAITING_FOLDER, collect_dataset
+from mdrive_sumo.learning.collection_settings import CollectionSettings
+from mdrive_sumo.learning.drive_episode import drive_scenario
 from mdrive_sumo.learning.sample_format import DATASET_FILE, LABELS_SUFFIX, DatasetFile
 from mdrive_sumo.learning.sample_reader import read_samples
 from mdrive_sumo.learning.shard_reading import load_dataset_file
@@ -70,31 +74,42 @@ def test_samples_do_not_depend_on_workers_and_shards(short_suite: Path, dataset:
     assert read_content(tmp_path / "set") == read_content(dataset)
 
 
-@pytest.mark.usefixtures("one_a_shard")
-def test_a_killed_collection_is_continued_with_the_same_samples(
-    short_suite: Path, dataset: Path, tmp_path: Path
-) -> None:
-    """SIGKILL while the second of two shards is made."""
+def test_a_killed_collection_is_continued_with_the_same_bytes(short_suite: Path, dataset: Path, tmp_path: Path) -> None:
+    """SIGKILL while the second of two scenarios of a shard is driven: the first is kept."""
     folder, settings = tmp_path / "killed", make_settings(short_suite)
-    program = (
-        "from mdrive_sumo.cli import main; from mdrive_sumo.learning import collection;"
-        " collection.SHARD_SCENARIOS = 1; main()"
-    )
-    command = [sys.executable, "-c", program, "learn", "data", "--split", "train"]
-    options = ["--scenarios", "2", "--seed", str(settings.seed), "--perturb", "2", "--suite", str(short_suite)]
+    command = [sys.executable, "-m", "mdrive_sumo", "learn", "data", "--split", "train", "--scenarios", "2"]
+    options = ["--seed", str(settings.seed), "--perturb", "2", "--suite", str(short_suite)]
     more = ["--workers", "1", "--out", str(folder)]
+    journal = folder / "journal.jsonl"
     with subprocess.Popen([*command, *options, *more], stderr=subprocess.DEVNULL) as process:
         try:
-            wait_for(lambda: (folder / SHARD).exists(), 120)
+            wait_for(lambda: journal.exists() and b'"waiting"' in journal.read_bytes(), 120)
         finally:
             os.kill(process.pid, signal.SIGKILL)
-    left = sorted(path.name for path in folder.glob("shard-*.tar"))
-    (folder / ".0123456789abcdef.part").write_bytes(b"half a shard")
+    assert not (folder / SHARD).exists() and load_dataset_file(folder).samples == 0
+    for place in (folder, folder / WAITING_FOLDER):
+        (place / ".0123456789abcdef.part").write_bytes(b"half a file")
     found, progress = collect_here(settings, folder, 2)
-    assert left == [SHARD] and progress.kept <= 1
-    assert len(found.shards) == 2
-    assert read_content(folder) == read_content(dataset)
-    assert not list(folder.glob(".*"))
+    assert (progress.waiting, progress.driven, progress.made) == (1, [1], [SHARD])
+    assert found == load_dataset_file(dataset)
+    assert (folder / SHARD).read_bytes() == (dataset / SHARD).read_bytes()
+    assert not list(folder.glob(".*")) and not (folder / WAITING_FOLDER).exists()
+
+
+def test_a_collection_that_ends_before_its_shard_is_packed_drives_nothing_again(
+    short_suite: Path, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    settings, folder = make_settings(short_suite), tmp_path / "set"
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(collection, "write_shard", interrupt)
+        patch.setattr(collection, "order_jobs", lambda jobs, _: jobs[::-1])
+        collect_here(settings, folder)
+    _, progress = collect_here(settings, folder)
+    assert (progress.waiting, progress.driven, progress.made) == (2, [], [SHARD])
+    assert (folder / SHARD).read_bytes() == (dataset / SHARD).read_bytes()  # whatever was driven first
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "gone"])
@@ -157,25 +172,53 @@ def test_fresh_starts_anew(short_suite: Path, dataset: Path, tmp_path: Path) -> 
     assert load_dataset_file(folder).seed == 4
 
 
+def fail_first(settings: CollectionSettings, index: int) -> object:
+    if index == 0:
+        raise RuntimeError("the worker said no")
+    return drive_episode.collect_scenario(settings, index)
+
+
+def fail_to_drive(settings: CollectionSettings, scenario: object, *rest: Any) -> object:
+    if "i12" in str(scenario):
+        raise WorldError("SUMO said no")
+    return drive_scenario(settings, scenario, *rest)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "fail", "reason"),
+    [
+        (drive_episode, "drive_scenario", fail_to_drive, "SUMO said no"),
+        (scenario_jobs, "collect_scenario", fail_first, "the worker said no"),
+    ],
+    ids=["simulator", "worker"],
+)
 def test_a_scenario_that_fails_costs_only_itself_and_is_tried_again(
+    module: ModuleType, name: str, fail: object, reason: str, short_suite: Path, dataset: Path, tmp_path: Path
+) -> None:
+    settings, folder = make_settings(short_suite), tmp_path / "set"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, name, fail)
+        found, _ = collect_here(settings, folder)
+    first, second = found.shards[0].scenarios
+    assert (first.status, second.status) == ("failed", "done") and reason in first.reason
+    assert 0 < found.samples < load_dataset_file(dataset).samples
+    _, progress = collect_here(settings, folder)
+    assert (progress.driven, progress.made) == ([0], [SHARD])
+    assert (folder / SHARD).read_bytes() == (dataset / SHARD).read_bytes()
+
+
+def test_damaged_samples_of_a_waiting_scenario_are_made_again(
     short_suite: Path, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = drive_episode.drive_scenario
-
-    def fail_once(settings: object, scenario: object, *rest: object) -> object:
-        if "i12" in str(scenario):
-            raise WorldError("SUMO said no")
-        return real(settings, scenario, *rest)
-
+    settings, folder = make_settings(short_suite), tmp_path / "set"
     with monkeypatch.context() as patch:
-        patch.setattr(drive_episode, "drive_scenario", fail_once)
-        found, _ = collect_here(make_settings(short_suite), tmp_path / "set")
-    first, second = found.shards[0].scenarios
-    assert (first.status, first.reason, second.status) == ("failed", "SUMO said no", "done")
-    assert 0 < found.samples < load_dataset_file(dataset).samples
-    found, progress = collect_here(make_settings(short_suite), tmp_path / "set")
-    assert progress.made == [SHARD]
-    assert read_content(tmp_path / "set") == read_content(dataset)
+        patch.setattr(scenario_jobs, "collect_scenario", fail_first)
+        collect_here(settings, folder)
+    (waiting,) = (path for path in (folder / WAITING_FOLDER).iterdir() if path.stat().st_size)
+    waiting.write_bytes(waiting.read_bytes()[:-1])
+    _, progress = collect_here(settings, folder)
+    assert progress.driven == [0, 1] and "made again" in progress.notes[0]
+    assert (folder / SHARD).read_bytes() == (dataset / SHARD).read_bytes()
 
 
 def test_dataset_file_is_valid_by_its_published_schema(dataset: Path) -> None:

@@ -125,7 +125,7 @@ def test_ctrl_c_says_how_to_continue(suite: Path, tmp_path: Path, monkeypatch: p
 
     monkeypatch.setattr("signal.signal", lambda *_: None)  # the command ignores a second Ctrl-C
     with monkeypatch.context() as patch:
-        patch.setattr("mdrive_sumo.learning.collection._make_shards", interrupt)
+        patch.setattr("mdrive_sumo.learning.collection.run_jobs", interrupt)
         ended = learn_data(tmp_path / "set", "--suite", suite, "--scenarios", 1)
     assert ended.exit_code == 130 and "interrupted; the same command continues" in ended.output
     assert load_dataset_file(tmp_path / "set").samples == 0

@@ -50,6 +50,19 @@ def test_the_lmdrive_profile_turns_every_second_tick() -> None:
     assert azimuths == pytest.approx(np.rint(azimuths), abs=1e-2)
 
 
+@pytest.mark.parametrize(
+    ("options", "ticks"),
+    [({"every_ticks": 4}, [0, 4, 8, 12]), ({"profile": "lmdrive", "every_ticks": 3}, [0, 6, 12])],
+    ids=["default", "both periods"],
+)
+def test_scans_may_be_rarer_and_are_then_the_same(options: dict[str, Option], ticks: list[int]) -> None:
+    rare, full = sensor(**options, noise_m=0.1), sensor(**{**options, "every_ticks": 1}, noise_m=0.1)
+    scans = {tick: rare.sense(scene(OWN, tick=tick), SensorPose(0, 0, 0, 0)) for tick in range(13)}
+    assert [tick for tick, cloud in scans.items() if cloud is not None] == ticks
+    assert scans[12] is not None
+    np.testing.assert_array_equal(scans[12].points, scan(full, tick=12).points)
+
+
 def test_channels_lie_evenly_between_30_degrees_below_and_10_above() -> None:
     walls = ((30.0, -50.0), (31.0, -50.0), (31.0, 50.0), (30.0, 50.0))
     points = scan(sensor(town(walls))).points.astype(float)
@@ -249,6 +262,8 @@ def test_noise_of_one_ray_does_not_depend_on_what_others_hit() -> None:
         ({"points_per_second": 1e6}, "fixes by its profile"),
         ({"upper_fov": 15.0}, "'upper_fov'"),
         ({"colour": "red"}, "'colour'"),
+        ({"every_ticks": 0}, "'every_ticks': expected a number in [1, 200], found 0"),
+        ({"every_ticks": 1.5}, "'every_ticks': expected a whole number, found 1.5"),
         ({"profile": "fast"}, "expected one of default, lmdrive, found 'fast'"),
         ({"z": 1.2}, "inside it"),
         ({"x": 2.4, "y": -1.0, "z": 1.5}, "inside it"),

@@ -1,5 +1,7 @@
 """Prices of sensors: sums, limits, and what a participant reads."""
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -58,4 +60,6 @@ def test_as_many_sensors_as_are_allowed_stay_within_a_tick() -> None:
     assert 8 * BUDGET_MS <= 350
     assert MAX_ARRAY_SENSORS * price_sensor(bev(size=16)) < BUDGET_MS
     assert price_sensor(lidar(profile="lmdrive")) < 2 * price_sensor(lidar())  # a scan every second tick
+    assert price_sensor(lidar(every_ticks=4)) == price_sensor(lidar()) / 4
+    assert price_sensor(lidar(every_ticks=math.inf)) == price_sensor(lidar())  # it is refused
     assert price_sensor(lidar(hit_ids=True)) > price_sensor(lidar(hit_ids=False))
