@@ -8,14 +8,16 @@ become the file of that name; of `study twins`, the scores that are compared. A 
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from functools import cache
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypeVar
 
 import click
 
+from mdrive_sumo.agents.registry import DEFENDED_AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.core.output_files import write_text
@@ -31,6 +33,8 @@ from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.scenario.scenario import load_model
 from mdrive_sumo.scoring import Results, load_results, summarize_run
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
+from mdrive_sumo.study.attacks import ATTACKS, AttackRow, describe_defence, summarise_attacks
+from mdrive_sumo.study.attacks_files import build_attacks_table
 from mdrive_sumo.study.conditions import BASE, ChannelCondition
 from mdrive_sumo.study.gain import AGENTS, CELLS, METRICS, GainRow, GainSummary, summarise_gain
 from mdrive_sumo.study.gain_files import build_gain_table, build_score_table, judge_gains
@@ -42,6 +46,7 @@ from mdrive_sumo.study.study_summary import summarise_rows
 from mdrive_sumo.study.twin_scenarios import TwinFactor
 from mdrive_sumo.study.twins import ORIGINAL, TwinLine, TwinRow, TwinSummary, compare_pairs, pair_twins
 from mdrive_sumo.study.twins_files import build_twins_table
+from mdrive_sumo.v2x.attacks.attack_settings import NO_ATTACK
 from mdrive_sumo.v2x.comm_settings import parse_comm
 from tools.aim_tables import (
     MeasuredDrivers,
@@ -61,14 +66,15 @@ DOCS, VALUES = Path("docs"), Path("docs/results/values")
 MARK = re.compile(r"(<!-- values:([\w-]+):([\w-]+):begin -->\n).*?(<!-- values:\2:\3:end -->)", re.DOTALL)
 WITHOUT_FILE = "The values of these runs were not kept", "No runs are published yet"
 """What a marked table says that has no file."""
+KeyT = TypeVar("KeyT", bound=Hashable)
 Runs = Sequence[Results]
 Paragraphs = Sequence[str]
 """Of a marked table: what was measured, the table, what it carries; empty ones are left out."""
 
 
-def _group_runs(runs: Runs, name: Callable[[Results], str]) -> Mapping[tuple[str, str], tuple[Results, ...]]:
+def _group_runs(runs: Runs, name: Callable[[Results], KeyT]) -> Mapping[tuple[str, KeyT], tuple[Results, ...]]:
     """Return runs by agent and another setting, in the order in which they come."""
-    groups: dict[tuple[str, str], list[Results]] = {}
+    groups: dict[tuple[str, KeyT], list[Results]] = {}
     for results in runs:
         groups.setdefault((results.run.agent, name(results)), []).append(results)
     return {key: tuple(found) for key, found in groups.items()}
@@ -155,6 +161,28 @@ def _list_channels(runs: Runs) -> Paragraphs:
     )
 
 
+def _list_attacks(runs: Runs) -> Paragraphs:
+    """Scores under attacks, beside the first agent that has no defence; drives without a defence have options."""
+
+    def name(results: Results) -> tuple[bool | None, str]:
+        is_defended = None if results.run.agent not in DEFENDED_AGENTS else not results.run.agent_config
+        return is_defended, str(results.run.conditions["attack"])
+
+    groups = _group_runs(runs, name)
+    rows = [AttackRow(agent, *key, found) for (agent, key), found in groups.items()]
+    if all(row.has_defence is not None for row in rows):
+        raise InputError("table attacks: expected an agent without a defence, found none")
+    for row in rows:
+        if (row.agent, (row.has_defence, NO_ATTACK)) not in groups:
+            said = describe_defence(row.has_defence)
+            raise InputError(f"table attacks: expected an honest run of {row.agent}{said}, found none")
+    order = {attack: i for i, attack in enumerate(dict.fromkeys((NO_ATTACK, *ATTACKS, *(row.attack for row in rows))))}
+    rows.sort(key=lambda row: (row.has_defence is not None, row.agent, row.has_defence is False, order[row.attack]))
+    summary = summarise_attacks(rows)
+    counted = count_by_chance({"ds": line.to_alone["ds"]} for line in summary.lines if line.to_alone is not None)
+    return _describe_runs(runs), format_markdown(build_attacks_table(summary)), counted
+
+
 TABLES: Mapping[str, Callable[[Runs], Paragraphs]] = {
     "gain": _list_gain,
     "gain-scores": lambda runs: (format_markdown(build_score_table(_summarise_gain(runs))),),
@@ -164,9 +192,10 @@ TABLES: Mapping[str, Callable[[Runs], Paragraphs]] = {
     "v2xpnp-aims": lambda runs: _list_aims(runs, list_log_figures),
     "drivers": lambda runs: (format_drivers(MeasuredDrivers(runs)),),
     "channels": _list_channels,
+    "attacks": _list_attacks,
 }
-"""What a page can show of a file: tables of `study gain`, of `study seasons`, of the aims of suites, and of `study
-comm`."""
+"""What a page can show of a file: tables of `study gain`, of `study seasons`, of the aims of suites, of `study comm`,
+and of `study attacks`."""
 TWINS = "twins"
 """The table of `study twins`, whose files have a part for each factor and one for its originals."""
 

@@ -195,6 +195,30 @@ def test_the_table_of_channels_tells_what_was_sent_and_how_busy_they_were(tmp_pa
     ]
 
 
+def test_the_table_of_attacks_is_that_of_the_study(tmp_path: Path) -> None:
+    """Attacks come in the order of the study, drives without a defence after those with one."""
+    runs = [
+        drive("sharing", 60.0, attack="shift"),
+        drive("sharing", 40.0, attack="phantom", agent_config="sha256:0"),
+        drive("sharing", 55.0, attack="phantom"),
+        drive("sharing", 65.0, agent_config="sha256:0"),
+        drive("sharing", 64.0),
+        drive("single", 50.0),
+    ]
+    write_values(tmp_path / "x.parquet", {WHOLE: runs})
+    _, table, counted = TABLES["attacks"](read_values(tmp_path / "x.parquet")[WHOLE])
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[2:]]
+    assert [(*row[:3], *(cell.partition(" ")[0] for cell in row[4:])) for row in rows] == [
+        ("single", "-", "none", "", "", ""),
+        ("sharing", "on", "none", "+14.0", "", "-1.0"),
+        ("sharing", "on", "phantom", "+5.0", "-9.0", "+15.0"),
+        ("sharing", "on", "shift", "+10.0", "-4.0", ""),
+        ("sharing", "off", "none", "+15.0", "", ""),
+        ("sharing", "off", "phantom", "-10.0", "-25.0", ""),
+    ]
+    assert counted.startswith("DS: Of 5 differences")
+
+
 def test_the_table_of_twins_is_that_of_the_study(root: Path) -> None:
     """Its runs lie in folders that are named after what the twins change; the drive that finds occluders is none."""
     for part, agent, ds in ((ORIGINAL, "single", 40.0), (TwinFactor.OCCLUDER, "single", 52.5), ("reference", "x", 1.0)):
@@ -260,6 +284,11 @@ def test_a_table_of_several_seasons_or_with_missing_runs_is_refused() -> None:
     with pytest.raises(InputError, match=r"expected sharing, sensing realistic, with seeds \[0, 1\], found \[1\]"):
         TABLES["gain"]([one for one in list_gain_runs() if one.run.agent != "sharing" or one.run.seed])
     other = drive("single", 60.0, comm=describe_comm(PRESETS["its-g5"]))
+    with pytest.raises(InputError, match="table attacks: expected an agent without a defence, found none"):
+        TABLES["attacks"]([drive("sharing", 70.0)])
+    bare = drive("sharing", 70.0, agent_config="sha256:0", attack="hide")
+    with pytest.raises(InputError, match="expected an honest run of sharing without defence, found none"):
+        TABLES["attacks"]([drive("single", 70.0), drive("sharing", 70.0), bare])
     with pytest.raises(InputError, match="table channels: expected a run of single over channel ideal, found none"):
         TABLES["channels"]([drive("sharing", 70.0), other])
 
