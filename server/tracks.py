@@ -1,7 +1,7 @@
 """Tracks: which messages the CAVs of an agent may exchange. The channel enforces it, whatever the agent declares.
 
 single-agent         the channel is off: no messages, none of road-side units either
-perception-sharing   CAM and CPM arrive; texts, manoeuvres (MCM), warnings (DENM) and own types are lost
+perception-sharing   CAM, CPM and features arrive; texts, manoeuvres (MCM), warnings (DENM) and own types are lost
 negotiation          everything arrives
 joint                one program for all CAVs, which needs no messages; they arrive nevertheless
 """
@@ -14,11 +14,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.sensing.lidar_sensor import HIT_IDS
 from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, find_object_source
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
-from mdrive_sumo.v2x.content import CAM, CPM
+from mdrive_sumo.v2x.content import CAM, CPM, FEATURE
 from server.enums import ChallengeTrack
 
 _LOST = LinkSettings(loss=1.0)
-_SHARED = MappingProxyType({CAM: LinkSettings(), CPM: LinkSettings()})
+_SHARED = MappingProxyType({CAM: LinkSettings(), CPM: LinkSettings(), FEATURE: LinkSettings()})
 COMM_BY_TRACK: Mapping[ChallengeTrack, CommSettings] = MappingProxyType(
     {
         ChallengeTrack.SINGLE: PRESETS["off"],
@@ -32,7 +32,7 @@ TRACK_LABELS: Mapping[ChallengeTrack, tuple[str, str]] = {
     ChallengeTrack.SINGLE: ("Single agent", "each vehicle for itself, without messages"),
     ChallengeTrack.SHARING: (
         "Perception sharing",
-        "vehicles and road-side units send what they perceive (CAM and CPM)",
+        "vehicles and road-side units send what they perceive (CAM, CPM, features)",
     ),
     ChallengeTrack.NEGOTIATION: ("Negotiation", "every message arrives, also manoeuvres, texts and types of your own"),
     ChallengeTrack.JOINT: (

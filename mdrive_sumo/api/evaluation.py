@@ -39,8 +39,8 @@ def evaluate(
     seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
     default one per core. scheduler: address of a Dask scheduler whose workers drive instead. pace_ms: time from the
     requests of a tick to those of the next one, whatever the agents take [ms]; it changes no result, 0: none.
-    record: whether to keep recordings, without which there is no replay. record_cameras: whether to keep the colour
-    images of the agent's cameras for it.
+    record: whether to keep recordings, without which there is no replay. record_features: whether they have the content
+    of `feature` messages. record_cameras: whether to keep the colour images of the agent's cameras for replays.
     out: the run folder, which holds all seeds; by default a folder below `runs/` that the arguments determine. A folder
     that holds the same run, finished or interrupted, is continued; `fresh` drops it.
     sandbox: whether an agent of a file runs in boxes that hide the suite; otherwise results are labelled `unsandboxed`.

@@ -85,7 +85,7 @@ class Message:
     """
 
     type: str
-    """"cam", "cpm", "mcm", "denm", "text", or a name of the agent's own, at most 16 characters."""
+    """"cam", "cpm", "mcm", "denm", "feature", "text", or a name of the agent's own, at most 16 characters."""
     payload: bytes
     """Encoded content; its length is what the channel counts."""
     sender: str = ""

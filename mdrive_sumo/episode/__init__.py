@@ -9,7 +9,7 @@ from mdrive_sumo.episode.episode import (
     PlanRecord,
     ReceivedMessages,
 )
-from mdrive_sumo.episode.episode_file import load_episode, save_episode
+from mdrive_sumo.episode.episode_file import drop_payloads, load_episode, save_episode
 from mdrive_sumo.episode.episode_schema import SignalEntry, ThinkTimeEntry, build_episode_schema
 from mdrive_sumo.episode.quantization import quantize_frame
 from mdrive_sumo.episode.recorded_frame import rebuild_frame
@@ -27,6 +27,7 @@ __all__ = [
     "SignalEntry",
     "Recorder",
     "build_episode_schema",
+    "drop_payloads",
     "load_episode",
     "quantize_frame",
     "rebuild_frame",

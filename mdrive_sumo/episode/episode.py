@@ -15,6 +15,7 @@ from mdrive_sumo.core.state import Contact, End, FailureReason
 from mdrive_sumo.episode.episode_schema import SignalEntry, ThinkTimeEntry
 from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import SentMessage
+from mdrive_sumo.v2x.message_counts import is_malformed
 from mdrive_sumo.v2x.radio.radio_medium import BusyRatio
 
 SENSING_TRACK = "sensing_track"
@@ -98,6 +99,8 @@ class EpisodeRecord:
     notes: tuple[NoteRecord, ...] = ()
     dropped_notes: int = 0
     """Notes beyond the limits of an episode, which were not kept; see `recorder.NoteLog`."""
+    dropped_payloads: tuple[str, ...] = ()
+    """Types of messages whose valid payloads were not kept, sorted: zeros stand for them, see `drop_payloads`."""
     thinking: tuple[ThinkTimeEntry, ...] = ()
     pseudonyms: Mapping[str, str] = field(default_factory=dict[str, str])
     """Id in the scenario of every CAV and road-side unit by the id that agents knew it by; empty if they knew it by
@@ -109,6 +112,10 @@ class EpisodeRecord:
         """Whether any CAV was given objects: a value of `SensingTrack`; "" in recordings without one."""
         track = self.about.get(SENSING_TRACK)
         return join_sensing_tracks([track]) if isinstance(track, str) else ""
+
+    def is_payload_dropped(self, sent: SentMessage) -> bool:
+        """Return whether zeros stand for the payload of a message."""
+        return sent.message.type in self.dropped_payloads and not is_malformed(sent)
 
     @property
     def ticks(self) -> int:

@@ -3,8 +3,8 @@
 import json
 import zipfile
 import zlib
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Collection, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from mdrive_sumo.episode.episode_schema import FORMAT, NO_LINK, EpisodeHeader
 from mdrive_sumo.episode.recording_checks import check_recording, parse_header
 from mdrive_sumo.scenario.scenario import shorten_value
 from mdrive_sumo.v2x.channel import Delivery, DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.message_counts import is_malformed
 from mdrive_sumo.v2x.radio.path_loss import LinkClass
 from mdrive_sumo.v2x.radio.radio_medium import AirLink, BusyRatio
 
@@ -50,6 +51,7 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         **({"stations": _list_stations(episode)} if episode.busy_ratios else {}),
         "notes": [(n.tick, n.ego, n.note.kind, n.note.text) for n in episode.notes],
         **({"dropped_notes": episode.dropped_notes} if episode.dropped_notes else {}),
+        **({"dropped_payloads": episode.dropped_payloads} if episode.dropped_payloads else {}),
         "thinking": episode.thinking,
         "pseudonyms": dict(episode.pseudonyms),
     }
@@ -69,6 +71,21 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
     }
     with new_file(path) as file:
         np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
+
+
+def drop_payloads(episode: EpisodeRecord, types: Collection[str]) -> EpisodeRecord:
+    """Return the recording with zeros instead of the valid payloads of these types of messages.
+
+    Sizes stay, and so do digests, scores and what became of each message.
+    """
+    messages = tuple(
+        replace(sent, message=replace(sent.message, payload=bytes(len(sent.message.payload))))
+        if sent.message.type in types and not is_malformed(sent)
+        else sent
+        for sent in episode.messages
+    )
+    dropped = {sent.message.type for sent in episode.messages}.intersection(types)
+    return replace(episode, messages=messages, dropped_payloads=tuple(sorted(dropped)))
 
 
 def load_episode(path: Path) -> EpisodeRecord:
@@ -116,6 +133,7 @@ def _build_record(header: EpisodeHeader, data: Arrays) -> EpisodeRecord:
         busy_ratios=_build_busy_ratios(header, data),
         notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header.notes),
         dropped_notes=header.dropped_notes,
+        dropped_payloads=tuple(header.dropped_payloads),
         thinking=tuple(header.thinking),
         pseudonyms=header.pseudonyms,
     )

@@ -109,6 +109,8 @@ class EpisodeHeader(BaseModel):
     notes: list[NoteEntry]
     dropped_notes: int = 0
     """Notes beyond the limits of an episode, which are not in the file."""
+    dropped_payloads: list[str] = []
+    """Types of messages of which `payloads` has zeros instead of the valid ones (`--no-record-features`), sorted."""
     thinking: list[ThinkTimeEntry]
     pseudonyms: dict[str, str]
     """Id of a CAV or RSU by the id that agents knew it by, which payloads and notes contain; empty if they agree."""

@@ -29,6 +29,11 @@ class RecordedActions:
         self._messages: dict[int, list[Message]] = defaultdict(list)
         for sent in record.messages:
             if sent.message.sender == ego:
+                if record.is_payload_dropped(sent):
+                    raise InputError(
+                        f"{self._place}: expected the content of its messages, found a recording without that of"
+                        f" {sent.message.type} (--no-record-features), which cannot be driven again"
+                    )
                 self._messages[sent.message.tick].append(sent.message)
         self._notes: dict[int, list[Note]] = defaultdict(list)
         for one in record.notes:

@@ -20,6 +20,7 @@ from mdrive_sumo.v2x.messages import (
     Content,
     Cpm,
     Denm,
+    Feature,
     Mcm,
     MessageError,
     Termination,
@@ -46,6 +47,8 @@ class _MessageRow:
     """None for a type of the agents' own, or a malformed message."""
     shown: bool
     """Whether its objects or trajectories are included."""
+    is_dropped: bool
+    """Whether the recording was made without its content."""
 
 
 def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Float) -> tuple[dict[str, Any], Tables]:
@@ -57,7 +60,7 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
     stations = _list_stations(episode, scenario)
     column = {station: i for i, station in enumerate(stations)}
     types = sorted({sent_message.message.type for sent_message in sent})
-    rows = list(_list_rows(episode, [sent_message.message for sent_message in sent]))
+    rows = list(_list_rows(episode, sent))
     mcms = [row for row in rows if isinstance(row.content, Mcm)]
     terms, term_of = _number_terms(mcms)
     places = {rsu.id: _to_cm((rsu.x, rsu.y), origin) for rsu in scenario.rsus}
@@ -69,7 +72,11 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
         "not_transmitted": sorted(NOT_TRANSMITTED),
         "link_classes": [LINK_NAMES[link_class] for link_class in LinkClass],
         "terms": terms,
-        "problems": [(row.row, problem) for row in rows if (problem := find_problem(row.message)) is not None],
+        "problems": [
+            (row.row, problem)
+            for row in rows
+            if not row.is_dropped and (problem := find_problem(row.message)) is not None
+        ],
         "texts": _list_texts(rows),
     }
     heads = [(types.index(m.type), column[m.sender], m.tick, len(m.payload)) for m in (row.message for row in rows)]
@@ -90,13 +97,21 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
 
 
 def _list_texts(rows: Sequence[_MessageRow]) -> list[tuple[int, str]]:
-    """Return by row what was sent in words, and what warnings (DENMs) say."""
-    said = ((row.row, row.content) for row in rows)
-    return [
-        (row, content if isinstance(content, str) else describe_event(content))
-        for row, content in said
-        if isinstance(content, str | Denm)
-    ]
+    """Return by row what was sent in words, what warnings (DENMs) say, and what features are."""
+    texts: list[tuple[int, str]] = []
+    for row in rows:
+        if row.is_dropped:
+            texts.append((row.row, "content not recorded (--no-record-features)"))
+        match row.content:
+            case str() as text:
+                texts.append((row.row, text))
+            case Denm() as denm:
+                texts.append((row.row, describe_event(denm)))
+            case Feature() as feature:
+                texts.append((row.row, describe_tiles(feature)))
+            case _:
+                pass
+    return texts
 
 
 def describe_event(denm: Denm) -> str:
@@ -104,6 +119,13 @@ def describe_event(denm: Denm) -> str:
     words = denm.cause.name.lower().replace("_", " ")
     end = ", cancelled" if denm.termination is not Termination.NONE else f", valid for {denm.validity_s:g} s"
     return f"event {denm.sequence}, {words}, at ({denm.x:.1f}, {denm.y:.1f}){end}"
+
+
+def describe_tiles(feature: Feature) -> str:
+    """Return a packet of features in words: "12 tiles of bev-a version 3, confidence 0.98 to 0.71"."""
+    grid, confidence = feature.grid, feature.confidence
+    range_text = f", confidence {confidence.max():.2f} to {confidence.min():.2f}" if len(confidence) else ""
+    return f"{len(feature.tiles)} tiles of {grid.name} version {grid.version}{range_text}"
 
 
 def _list_links(sent: Sequence[SentMessage], column: Mapping[str, int]) -> list[tuple[int, int, int, int]]:
@@ -130,14 +152,16 @@ def _list_stations(episode: EpisodeRecord, scenario: Scenario) -> list[str]:
     return [*stations, *sorted({sent.message.sender for sent in episode.messages} - set(stations))]
 
 
-def _list_rows(episode: EpisodeRecord, messages: Sequence[Message]) -> Iterator[_MessageRow]:
+def _list_rows(episode: EpisodeRecord, sent: Sequence[SentMessage]) -> Iterator[_MessageRow]:
     last: dict[tuple[str, str], int] = {}
-    for row, message in enumerate(messages):
+    for row, one in enumerate(sent):
+        message = one.message
         source = message.sender, message.type
         shown = message.tick - last.get(source, -SHOWN_EVERY_TICKS) >= SHOWN_EVERY_TICKS
         if shown:
             last[source] = message.tick
-        yield _MessageRow(row, message, _decode(episode, message), shown)
+        is_dropped = episode.is_payload_dropped(one)
+        yield _MessageRow(row, message, None if is_dropped else _decode(episode, message), shown, is_dropped)
 
 
 def _decode(episode: EpisodeRecord, message: Message) -> Content | None:

@@ -9,7 +9,7 @@ from mdrive_sumo.contract import DRIVER, REMARK
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float
-from mdrive_sumo.episode import EpisodeRecord, NoteRecord
+from mdrive_sumo.episode import EpisodeRecord, NoteRecord, drop_payloads
 from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import DeliveryStatus
 
@@ -103,6 +103,8 @@ def find_content_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Ep
 
     There is one in a recording whose content was changed and whose digests were left.
     """
+    if recorded.dropped_payloads:
+        again = drop_payloads(again, recorded.dropped_payloads)
     for name in ("ids", "egos", "kind", "length", "width", "pseudonyms", "signals", "contacts", "messages"):
         then, now = getattr(recorded, name), getattr(again, name)
         same = np.array_equal(then, now) if isinstance(now, np.ndarray) else then == now

@@ -14,7 +14,7 @@ from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.core.state import End
-from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTimeEntry, load_episode, save_episode
+from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTimeEntry, drop_payloads, load_episode, save_episode
 from mdrive_sumo.episode.camera_archive import CameraArchiveWriter
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop import EpisodeConfig, run_episode
@@ -35,6 +35,7 @@ from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.scoring.metrics import EpisodeMismatch
 from mdrive_sumo.scoring.roles import mark_tested
+from mdrive_sumo.v2x.messages import FEATURE
 
 LOG = logging.getLogger("mdrive.episode")
 ATTEMPTS = 2
@@ -54,6 +55,8 @@ class EpisodeJob:
     options: EpisodeOptions = field(default_factory=EpisodeOptions)
     recording: Path | None = None
     """The episode file to write; None: none."""
+    record_features: bool = True
+    """Whether it has the content of `feature` messages."""
     logs: Path | None = None
     """Folder for the output of third-party agents; None discards it."""
     transcripts: Path | None = None
@@ -80,7 +83,7 @@ def run_job(job: EpisodeJob) -> ScenarioResult:
     scenario, roads = load_job_scenario(job)
     episode = _drive(job, scenario, roads)
     if job.recording:
-        save_episode(episode, job.recording)
+        save_episode(episode if job.record_features else drop_payloads(episode, (FEATURE,)), job.recording)
     if job.transcripts:
         save_transcript(episode, job.transcripts)
     return score_job_episode(job, episode)

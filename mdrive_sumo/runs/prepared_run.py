@@ -118,6 +118,7 @@ class PreparedRun:
             score_mode=config.score_mode,
             options=config.options,
             recording=self.find_recording((scenario.id, seed)) if config.record else None,
+            record_features=config.record_features,
             transcripts=self.find_transcripts(seed),
             cameras=self.find_camera_images((scenario.id, seed)) if config.record_cameras else None,
             logs=None if config.is_builtin else logs,

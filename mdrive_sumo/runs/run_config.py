@@ -53,6 +53,7 @@ class RunArguments(EpisodeArguments, total=False):
     out: str | Path | None
     score_mode: str | None
     record: bool
+    record_features: bool
     record_cameras: bool
     sandbox: bool
     fresh: bool
@@ -103,6 +104,10 @@ class RunConfig:
     """The score mode; None: that of the suite, which `prepare` fills in."""
     record: bool = setting(True, help="Keep no recordings: no view, rescore, or verify of every tick.")
     """Whether recordings are kept."""
+    record_features: bool = setting(
+        True, help="Keep recordings without the content of `feature` messages.", is_identity=False
+    )
+    """Whether recordings have the content of `feature` messages; without it they are smaller."""
     record_cameras: bool = setting(
         False, help="Keep the colour images of the agent's cameras, for view: RUN/cameras.", is_identity=False
     )
@@ -179,7 +184,8 @@ class RunConfig:
         """Return what identifies the run, as the journal's fingerprint holds it. Raises InputError for no locator.
 
         Where it runs (`workers`, `scheduler`, `out`), when its requests go out (`pace_ms`) and how it was started
-        (`fresh`, `fail_fast`, `command`) change no result, nor do images for people to look at (`record_cameras`).
+        (`fresh`, `fail_fast`, `command`) change no result, nor does what recordings keep for people to look at
+        (`record_features`, `record_cameras`).
         """
         own = {one.key: one.write(getattr(self, one.field)) for one in _IDENTITY} | {"score_mode": str(self.score_mode)}
         kept = {key: own.pop(key) for key in ("record", "sandbox")}  # journals have them after the conditions

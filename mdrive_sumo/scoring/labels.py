@@ -3,16 +3,16 @@
 from collections.abc import Collection, Iterable, Sequence
 
 from mdrive_sumo.scoring.results import ScenarioResult
-from mdrive_sumo.v2x.content import CAM, CPM, DENM
+from mdrive_sumo.v2x.content import CAM, CPM, DENM, FEATURE
 
 SINGLE, SHARING, NEGOTIATION = "single", "sharing", "negotiation"
 COMMUNICATION_LABELS = (SINGLE, SHARING, NEGOTIATION)
-"""What the CAVs of a run exchanged: nothing; CAMs, CPMs and DENMs; anything else."""
+"""What the CAVs of a run exchanged: nothing; CAMs, CPMs, DENMs and features; anything else."""
 JOINT, PRIVILEGED, UNSANDBOXED = "joint", "privileged", "unsandboxed"
 """One program for all CAVs; a sensor that knows everything; a third-party agent that could read the scenarios."""
 ATTACKED = "attacked"
 """Stations lied (`--attack`): such results say nothing about honest ones."""
-SHARING_TYPES = frozenset((CAM, CPM, DENM))
+SHARING_TYPES = frozenset((CAM, CPM, DENM, FEATURE))
 
 
 def derive_labels(facts: Sequence[str], scenarios: Iterable[ScenarioResult]) -> tuple[str, ...]:

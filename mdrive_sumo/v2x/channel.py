@@ -13,7 +13,8 @@ from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.seeding import UNIFORMS, derive_seed, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
-from mdrive_sumo.v2x.messages import FLOOD, displace_message
+from mdrive_sumo.v2x.encoding import decode_pose
+from mdrive_sumo.v2x.messages import FEATURE, FLOOD, displace_message
 from mdrive_sumo.v2x.radio.path_loss import RadioEnvironment
 from mdrive_sumo.v2x.radio.radio_medium import AirLink, BusyRatio, RadioLoss, RadioMedium, Transmission
 from mdrive_sumo.v2x.radio.radio_scene import RadioScene
@@ -242,7 +243,9 @@ class Channel:
     def _add_pose_error(self, link: LinkSettings, flight: _Flight, receiver: str) -> Message:
         """Return the message with the pose error that this receiver gets."""
         message = flight.message
-        once = () if link.pose_error_per == "episode" else (message.tick, flight.n)
+        # All packets of a map have the error of the one pose that it was made at, whenever they are sent.
+        shared = (FEATURE, decode_pose(message.payload).tick) if message.type == FEATURE else (message.tick, flight.n)
+        once = () if link.pose_error_per == "episode" else shared
         dx, dy, dyaw = draw_normals(self._seed, "pose", message.sender, receiver, *once)[:3]
         return displace_message(
             message, dx * link.pose_error_m, dy * link.pose_error_m, dyaw * math.radians(link.pose_error_deg)

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Float
 
-CAM, CPM, MCM, DENM, TEXT = "cam", "cpm", "mcm", "denm", "text"
-TYPES = (CAM, CPM, MCM, DENM, TEXT)
+CAM, CPM, MCM, DENM, FEATURE, TEXT = "cam", "cpm", "mcm", "denm", "feature", "text"
+TYPES = (CAM, CPM, MCM, DENM, FEATURE, TEXT)
 FLOOD = "(flood)"
 """Type of an attacker's useless bytes, which no agent can use and no agent reads."""
 MAX_OBJECTS, MAX_SECTORS, MAX_POINTS, MAX_NAMES = 255, 255, 100, 32
@@ -25,6 +25,11 @@ MAX_PACKET_BYTES = 1398
 MAX_NAME_BYTES = 80
 """Bytes of a name in UTF-8: ids of scenarios have at most 80 characters (`scenario_part.Identifier`)."""
 MAX_TEXT_BYTES = 8192
+MAX_TILES, MAX_CHANNELS, MAX_TILE_CELLS, MAX_LEVEL = 255, 64, 16, 255
+"""Of a `Feature`: tiles, channels, cells along the edge of a tile, and the largest quantised value, either sign."""
+MAX_TILE_VALUES = 2**18
+"""Values in the tiles of one `Feature` at most, zeros included (256 tiles of 16 x 8 x 8): few bytes can stand for many
+zeros, and receivers expand them."""
 MAX_PAYLOAD_BYTES = 65535
 """Bytes of a message of a type that is the agents' own."""
 MESSAGE_REACH_M = 327.67
@@ -197,7 +202,70 @@ class Denm:
     """Whether the event has ended."""
 
 
-Content: TypeAlias = Cam | Cpm | Mcm | Denm | str
+@dataclass(frozen=True, slots=True)
+class FeatureGrid:
+    """What the sender and the receiver of features must have in common: the grid, and the network that fills it.
+
+    The grid is a bird's-eye view centred on the sender's reference pose: row 0 is ahead, column 0 is left, as in
+    `contract.Raster`. Tiles are squares of cells; their index counts row by row.
+    """
+
+    name: str
+    """Name of the grid and its encoder: 1 to 16 of a-z, 0-9, _ and -, such as "bev-a"."""
+    version: int
+    """Version of the encoder's weights, 0 to 65535: features of another one mean something else."""
+    cell_m: float
+    """Edge of a cell [m], in steps of 1 mm."""
+    rows: int
+    """Cells from front to back, a multiple of `tile_cells`."""
+    columns: int
+    """Cells from left to right, a multiple of `tile_cells`."""
+    channels: int
+    """Numbers in each cell, 1 to 64."""
+    tile_cells: int = 8
+    """Cells along the edge of a tile, 1 to 16."""
+
+    @property
+    def tile_rows(self) -> int:
+        """Tiles from front to back."""
+        return self.rows // self.tile_cells
+
+    @property
+    def tile_columns(self) -> int:
+        """Tiles from left to right."""
+        return self.columns // self.tile_cells
+
+    @property
+    def tile_values(self) -> int:
+        """Values in a tile."""
+        return self.tile_cells * self.tile_cells * self.channels
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """Tiles of a bird's-eye map of features: one packet, which is read without any other of its map.
+
+    All that a map sends at one pose has the same pose and grid. `v2x.feature_map` makes these of a map, and a map of
+    those that arrived. Values are whole numbers of `steps`, and only those that are not zero are listed.
+    """
+
+    pose: ReferencePose
+    """Where the sender was when its sensors saw what the map shows."""
+    grid: FeatureGrid
+    """The grid and the encoder."""
+    steps: Float
+    """(C,) quantisation step of each channel, half precision; 0: the channel is 0 everywhere."""
+    tiles: npt.NDArray[np.int64]
+    """(K,) indices of the tiles, each once, in the order of sending: the most confident first."""
+    confidence: Float
+    """(K,) confidence of each tile in [0, 1], in steps of 1/255."""
+    places: npt.NDArray[np.int64]
+    """(N,) where the values stand, ascending: (tile in `tiles` x cells + cell row by row) x channels + channel."""
+    levels: npt.NDArray[np.int64]
+    """(N,) the values at `places` in steps of their channel: -255 to 255, never 0."""
+
+
+Content: TypeAlias = Cam | Cpm | Mcm | Denm | Feature | str
 
 
 def format_track_name(number: int) -> str:

@@ -1,4 +1,4 @@
-"""CAM, CPM, MCM, DENM and text: the messages of V2X stations and their encoding.
+"""CAM, CPM, MCM, DENM, features and text: the messages of V2X stations and their encoding.
 
 The meaning follows ETSI: CAM (EN 302 637-2) has the sender's own state, CPM (TS 103 324) its detections and free sight,
 MCM (TS 103 561) its plan, desired trajectory, requests and answers, DENM (EN 302 637-3) an event. The bytes are our
@@ -8,6 +8,8 @@ sender's pose shifts and rotates the whole content. Arguments and results here a
 centres.
 
 Poses are the sender's estimates; they and detections carry standard deviations, as ETSI's confidences.
+
+Features (no standard has them) are tiles of a bird's-eye map that a network made of the sender's sensors.
 
 Sizes: header 18 bytes; CAM + 11, with its low-frequency container + 1 + 4 a point; CPM + 5 + 21 an object + 1 a sector
 of free sight; MCM + 14 + 4 a point + (2 + its UTF-8 bytes) a name; DENM + 21. docs/v2x.md has the tables.
@@ -20,11 +22,12 @@ from typing import Any, NamedTuple
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core.frozen import build_frozen
-from mdrive_sumo.v2x import denm_encoding, encoding, mcm_encoding
+from mdrive_sumo.v2x import denm_encoding, encoding, feature_encoding, mcm_encoding
 from mdrive_sumo.v2x.content import (
     CAM,
     CPM,
     DENM,
+    FEATURE,
     FLOOD,
     MAX_NAME_BYTES,
     MAX_NAMES,
@@ -43,6 +46,8 @@ from mdrive_sumo.v2x.content import (
     Denm,
     Direction,
     EventCause,
+    Feature,
+    FeatureGrid,
     Intention,
     Mcm,
     MessageError,
@@ -53,11 +58,11 @@ from mdrive_sumo.v2x.content import (
 )
 
 __all__ = [
-    "CAM", "CPM", "DENM", "MCM", "TEXT", "FLOOD", "TYPES",
+    "CAM", "CPM", "DENM", "FEATURE", "MCM", "TEXT", "FLOOD", "TYPES",
     "MAX_NAME_BYTES", "MAX_NAMES", "MAX_OBJECTS", "MAX_PAYLOAD_BYTES", "MAX_POINTS", "MAX_SECTORS", "MAX_TEXT_BYTES",
     "MESSAGE_REACH_M",
-    "Cam", "Content", "Cpm", "Denm", "Direction", "EventCause", "Intention", "Mcm", "MessageError", "ReferencePose",
-    "Termination",
+    "Cam", "Content", "Cpm", "Denm", "Direction", "EventCause", "Feature", "FeatureGrid", "Intention", "Mcm",
+    "MessageError", "ReferencePose", "Termination",
     "decode", "encode", "displace_message", "find_problem", "format_track_name", "parse_track_name",
 ]  # fmt: skip
 
@@ -75,8 +80,9 @@ _CODECS: Mapping[str, _Codec] = {
     CPM: _Codec(5, encoding.encode_cpm, encoding.parse_cpm, encoding.build_cpm),
     MCM: _Codec(6, mcm_encoding.encode_mcm, mcm_encoding.parse_mcm, mcm_encoding.build_mcm),
     DENM: _Codec(7, denm_encoding.encode_denm, denm_encoding.parse_denm, denm_encoding.build_denm),
+    FEATURE: _Codec(8, feature_encoding.encode_feature, feature_encoding.parse_feature, feature_encoding.build_feature),
 }
-_NAMES: Mapping[type, str] = {Cam: CAM, Cpm: CPM, Mcm: MCM, Denm: DENM}
+_NAMES: Mapping[type, str] = {Cam: CAM, Cpm: CPM, Mcm: MCM, Denm: DENM, Feature: FEATURE}
 
 
 def encode(content: Content) -> Message:

@@ -11,7 +11,7 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.state import MOTION_AND_SIZE
 from mdrive_sumo.v2x import messages
-from mdrive_sumo.v2x.content import Cam, Content, Cpm, Mcm
+from mdrive_sumo.v2x.content import Cam, Content, Cpm, Feature, Mcm
 
 CACHED_PAYLOADS = 1024
 """Two seconds of 12 CAVs at the most: each sends 10 CAMs and CPMs and 5 MCMs a second."""
@@ -49,4 +49,7 @@ def decode_payload(type_: str, payload: bytes) -> Content:
             points.setflags(write=False)
     elif isinstance(content, Cam) and content.path_history is not None:
         content.path_history.setflags(write=False)
+    elif isinstance(content, Feature):
+        for array in (content.steps, content.tiles, content.confidence, content.places, content.levels):
+            array.setflags(write=False)
     return content

@@ -12,6 +12,8 @@ from mdrive_sumo.v2x.messages import (
     Denm,
     Direction,
     EventCause,
+    Feature,
+    FeatureGrid,
     Intention,
     Mcm,
     ReferencePose,
@@ -120,8 +122,39 @@ def mcms(draw: st.DrawFn) -> Mcm:
     )
 
 
+grids = st.builds(
+    lambda name, version, side, tiles, channels, cell_mm: FeatureGrid(
+        name, version, cell_mm / 1000, side * tiles[0], side * tiles[1], channels, side
+    ),
+    st.text("abz09_-", min_size=1, max_size=16),
+    st.integers(0, 65535),
+    st.integers(1, 5),
+    st.tuples(st.integers(1, 4), st.integers(1, 4)),
+    st.integers(1, 6),
+    st.integers(1, 4000),
+)
+
+
+@st.composite
+def features(draw: st.DrawFn) -> Feature:
+    """Of any sparsity; some are larger than a packet would be without their few values."""
+    grid, rng = draw(grids), np.random.default_rng(draw(st.integers(0, 999)))
+    count = draw(st.integers(0, grid.tile_rows * grid.tile_columns))
+    most, share = draw(st.sampled_from((1, 7, 255))), draw(st.floats(0.0, 1.0))
+    places = np.flatnonzero(rng.random(count * grid.tile_values) < share)[:600]
+    return Feature(
+        draw(poses),
+        grid,
+        rng.uniform(0, 9, grid.channels).astype(np.float16).astype(np.float64),
+        rng.permutation(grid.tile_rows * grid.tile_columns)[:count],
+        rng.integers(0, 256, count) / 255,
+        places,
+        rng.integers(1, most + 1, len(places)) * rng.choice((1, draw(st.sampled_from((-1, 1)))), len(places)),
+    )
+
+
 texts = st.text(max_size=200)
-contents = st.one_of(cams(), cpms(), mcms(), denms(), texts)
+contents = st.one_of(cams(), cpms(), mcms(), denms(), features(), texts)
 
 
 PLACE = ReferencePose(100.0, 50.0, 0.3, 9)

@@ -77,7 +77,7 @@ class ComparedAgent:
 
     @property
     def negotiates(self) -> bool:
-        """Whether its CAVs exchange anything beyond CAMs, CPMs and DENMs."""
+        """Whether its CAVs exchange anything beyond CAMs, CPMs, DENMs and features."""
         return NEGOTIATION in self.results.run.labels
 
     @property

@@ -22,7 +22,7 @@ from mdrive_sumo.v2x.channel import DeliveryStatus
 
 COLOUR_OF_LETTER = {"r": "bad", "u": "bad", "y": "warn", "s": "warn", "g": "good", "G": "good"}
 """Names of colours by SUMO's letters; others, such as a light that is off, are muted."""
-LINK_TYPES = ("cpm", "mcm")
+LINK_TYPES = ("cpm", "mcm", "feature")
 """Types of messages that are drawn as lines; CAMs are too many."""
 LINK_TICKS = 4
 """How long a delivered message is drawn."""

@@ -167,7 +167,7 @@ function headFacts(replay, talk, message) {
 function contentFacts(replay, own, { type, content, problem }) {
   if (problem) return [["malformed", problem]];
   if (!content) return [["content", "not readable here"]];
-  if (type === "text" || type === "denm") return [[type, content.text]];
+  if (["text", "denm", "feature"].includes(type)) return [[type, content.text]];
   if (type === "cam") return camFacts(replay, content);
   return type === "cpm" ? cpmFacts(content) : mcmFacts(replay, own, content);
 }

@@ -164,7 +164,7 @@ class Talk {
 
   /** All that was said in words, agreed by MCM and noted, in order: [{ tick, station, kind, text, more, spoken }]. */
   transcript() {
-    const spoken = this.texts.filter(([row]) => this.sent[row].type === "text"); // the others are warnings
+    const spoken = this.texts.filter(([row]) => this.sent[row].type === "text"); // the others are warnings and features
     const said = spoken.map(([row, text]) => {
       const { tick, from } = this.sent[row];
       const head = SPOKEN.exec(text);

@@ -22,7 +22,7 @@ class AttackKind(StrEnum):
     PHANTOM = auto()
     """Its CPMs have a car that stands where a receiver has to brake."""
     HIDE = auto()
-    """Its CPMs have no objects, and say that the view is free."""
+    """Its CPMs have no objects, and say that the view is free; its features have no tiles."""
     SHIFT = auto()
     """All its messages are shifted, further and further."""
     FORGE_MCM = "forge-mcm"

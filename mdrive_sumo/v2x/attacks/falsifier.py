@@ -22,10 +22,10 @@ from mdrive_sumo.v2x.attacks.message_rewriting import read_content, rewrite
 from mdrive_sumo.v2x.attacks.phantom import PhantomMaker
 from mdrive_sumo.v2x.attacks.replayed_messages import ReplayedMessages
 from mdrive_sumo.v2x.attacks.route_point import Receiver
-from mdrive_sumo.v2x.content import Cpm, Mcm
+from mdrive_sumo.v2x.content import Cpm, Feature, Mcm
 from mdrive_sumo.v2x.messages import FLOOD, displace_message, find_problem
 
-Told = TypeVar("Told", Cpm, Mcm)
+Told = TypeVar("Told", Cpm, Mcm, Feature)
 Messages = tuple[Message, ...]
 Lie = Callable[[int, Messages, Sequence[Receiver]], Messages]
 """Returns what an attacker sends in a tick instead of its agent's messages."""
@@ -86,7 +86,7 @@ def _add_phantoms(maker: PhantomMaker, _: int, messages: Messages, receivers: Se
 
 
 def _hide_objects(_: int, messages: Messages, __: Sequence[Receiver]) -> Messages:
-    return _rewrite_all(messages, Cpm, _empty)
+    return _rewrite_all(_rewrite_all(messages, Cpm, _empty), Feature, _remove_tiles)
 
 
 def _empty(cpm: Cpm) -> Cpm:
@@ -94,6 +94,16 @@ def _empty(cpm: Cpm) -> Cpm:
     free_m = np.full(len(cpm.objects.free_m), cpm.range_m)
     none = replace(Objects.empty(), free_m=free_m)
     return replace(cpm, objects=none, age=cpm.age[:0], sigmas=cpm.sigmas[:0])
+
+
+def _remove_tiles(feature: Feature) -> Feature:
+    return replace(
+        feature,
+        tiles=feature.tiles[:0],
+        confidence=feature.confidence[:0],
+        places=feature.places[:0],
+        levels=feature.levels[:0],
+    )
 
 
 def _shift(

@@ -13,7 +13,7 @@ from mdrive_sumo.loop import VEHICLE
 from mdrive_sumo.report.scene_3d import describe_road_user
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.signal_lamps import SignalLamp, SignalLampObserver
-from mdrive_sumo.v2x.messages import Cam, Cpm, Denm, Mcm, MessageError, decode
+from mdrive_sumo.v2x.messages import Cam, Cpm, Denm, Feature, Mcm, MessageError, decode
 from server.drive.protocol import ROW, RowFlag
 
 POINTS_EVERY = 2
@@ -124,7 +124,7 @@ def _describe_message(
     return {**row, "at": _place((content.pose.x, content.pose.y), origin), **_describe_content(content, origin)}
 
 
-def _describe_content(content: Cam | Cpm | Mcm | Denm, origin: Origin) -> dict[str, Any]:
+def _describe_content(content: Cam | Cpm | Mcm | Denm | Feature, origin: Origin) -> dict[str, Any]:
     if isinstance(content, Cpm):
         seen = content.objects
         columns = (seen.x - origin[0], seen.y - origin[1], wrap_angles(seen.yaw), seen.length, seen.width, seen.speed)
@@ -139,6 +139,8 @@ def _describe_content(content: Cam | Cpm | Mcm | Denm, origin: Origin) -> dict[s
             "valid_ticks": round(content.validity_s * TICKS_PER_SECOND),
             "ended": bool(content.termination),
         }
+    if isinstance(content, Feature):
+        return {"tiles": len(content.tiles)}
     return {"speed": round(content.speed, 2), "yaw": round(content.pose.yaw, 3)}
 
 

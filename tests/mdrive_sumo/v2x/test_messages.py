@@ -18,6 +18,7 @@ from mdrive_sumo.v2x.messages import (
     CAM,
     CPM,
     DENM,
+    FEATURE,
     MAX_OBJECTS,
     MAX_PAYLOAD_BYTES,
     MAX_SECTORS,
@@ -278,7 +279,7 @@ def test_other_names_are_no_track_names(name: str) -> None:
 
 def test_everything_public_is_importable_from_messages() -> None:
     assert [name for name in messages.__all__ if not hasattr(messages, name)] == []
-    assert {CAM, CPM, MCM, DENM, TEXT} == set(TYPES) and MESSAGE_REACH_M == 327.67
+    assert {CAM, CPM, MCM, DENM, FEATURE, TEXT} == set(TYPES) and MESSAGE_REACH_M == 327.67
 
 
 def send(said: Mapping[int, Mapping[str, tuple[Message, ...]]]) -> tuple[SentMessage, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.message_samples import HEADER, PLACE, cams, contents, cpm_with, cpms, denms, mcm_with, mcms
+from testing.message_samples import HEADER, PLACE, cams, contents, cpm_with, cpms, denms, features, mcm_with, mcms
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.v2x.messages import (
@@ -73,7 +73,7 @@ def test_a_sender_beyond_all_maps_is_not_read(x: float, y: float, is_read: bool)
             decode(message)
 
 
-@given(st.one_of(cams(), cpms(), mcms(), denms()))
+@given(st.one_of(cams(), cpms(), mcms(), denms(), features()))
 def test_a_truncated_or_longer_message_is_not_read(content: Content) -> None:
     whole = encode(content)
     assert reads(whole)
