@@ -188,10 +188,12 @@ def _make_feature(tiles: _Tiles, chosen: slice, steps: Float, pose: ReferencePos
 def _coarsen(tiles: _Tiles, row: int, steps: Float, pose: ReferencePose, grid: FeatureGrid) -> Feature:
     """Return a packet of one tile, in steps so large that it fits."""
     one = slice(row, row + 1)
-    levels, room_bits = tiles.levels[one], 8 * (MAX_PACKET_BYTES - count_head_bytes(grid, 1))
+    factor, levels, room_bits = 1, tiles.levels[one], 8 * (MAX_PACKET_BYTES - count_head_bytes(grid, 1))
     while int(_bound_bits(levels)[0]) > room_bits:
-        levels, steps = np.rint(levels / 2).astype(np.int64), 2 * steps
-    return _make_feature(_Tiles(tiles.index[one], tiles.confidence[one], levels), slice(0, 1), steps, pose, grid)
+        factor *= 2
+        levels = np.rint(tiles.levels[one] / factor).astype(np.int64)
+    coarse = _Tiles(tiles.index[one], tiles.confidence[one], levels)
+    return _make_feature(coarse, slice(0, 1), factor * steps, pose, grid)
 
 
 def assemble_feature_map(received: Iterable[Feature], grid: FeatureGrid) -> FeatureMap:

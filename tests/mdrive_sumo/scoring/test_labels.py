@@ -136,7 +136,7 @@ def test_labels_and_track_follow_from_what_is_done_in_the_episodes(
     ("mute", "agent", "text"),
     [
         ("nobody/cam", "sharing", "expected a sender among 0, 1, found 'nobody'"),
-        ("*/gossip", "sharing", "expected a type among cam, cpm, mcm, denm, text or *, found 'gossip'"),
+        ("*/gossip", "sharing", "expected a type among cam, cpm, mcm, denm, feature, text or *, found 'gossip'"),
         ("9/*@7", "sharing", "expected a sender among"),
     ],
 )

@@ -64,7 +64,7 @@ def test_unusable_links_are_refused(wrong: dict[str, Any], why: str) -> None:
         ({"on": 1}, "on: expected true or false"),
         (
             {"by_type": {"vam": LinkSettings()}},
-            "'vam', expected one of cam, cpm, mcm, denm, text",
+            "'vam', expected one of cam, cpm, mcm, denm, feature, text",
         ),
         *(
             ({"mute": (pattern,)}, "mute: expected SENDER/TYPE")
@@ -214,7 +214,7 @@ def test_values_for_all_types_and_for_some(
         ({"comm_latency": "99999"}, "latency_ticks: expected a whole number of ticks from 0 to 10000"),
         ({"comm_latency": ""}, "expected a whole number"),
         ({"comm_latency": "6,7"}, "expected a whole number"),
-        ({"comm_latency": "cam=6,cam=7"}, "each type of cam, cpm, mcm, denm, text at most once, found 'cam'"),
+        ({"comm_latency": "cam=6,cam=7"}, "each type of cam, cpm, mcm, denm, feature, text at most once, found 'cam'"),
         ({"comm_latency": "vam=6"}, "found 'vam'"),
         ({"comm_latency": "=6"}, "found ''"),
         ({"comm_loss": "1.5"}, r"--comm-loss 1.5: loss: expected a probability in \[0, 1\]"),
