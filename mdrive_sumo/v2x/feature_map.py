@@ -6,12 +6,14 @@ and with them what a radio does, are the same on every host: the code is our own
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import Message
+from mdrive_sumo.contract.reply_check import MAX_MESSAGES
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.v2x.content import (
     MAX_PACKET_BYTES,
@@ -68,13 +70,16 @@ def encode_feature_map(
     bits: int = 6,
     budget_bytes: float = np.inf,
     least_confidence: float = 0.0,
+    most_messages: int = MAX_MESSAGES - 4,
 ) -> tuple[Message, ...]:
     """Return the messages of a map, the most confident tiles first, each no larger than a packet.
 
     features: (C, rows, columns). confidence: (rows, columns) in [0, 1]; that of a tile is its greatest. Tiles whose
     confidence is 0 or below `least_confidence` are not sent. bits: of a quantised value, 1 to 8; each channel has steps
     of its own, so that its greatest value takes the largest level. budget_bytes: of all payloads together; the least
-    confident tiles stay out. A tile that fits no packet is sent in steps twice as large, or four times, and so on.
+    confident tiles stay out. most_messages: those that do not fit into so many stay out, too; by default a reply has
+    room for a CAM, CPM, MCM and DENM besides. A tile that fits no packet is sent in steps twice as large, or four
+    times, and so on.
 
     Raises MessageError for arrays of other shapes, numbers that are not finite and a grid that no message can carry.
     """
@@ -93,12 +98,12 @@ def encode_feature_map(
     safe_steps = np.where(steps > 0, steps, 1.0)
     levels = np.rint(features.astype(np.float64) / safe_steps[:, None, None]).astype(np.int64)
     tiles = _choose_tiles(_cut(levels.transpose(1, 2, 0), grid), _cut(confidence[..., None], grid), least_confidence)
-    return tuple(_fill_packets(tiles, steps, pose, grid, budget_bytes))
+    return tuple(islice(_fill_packets(tiles, steps, pose, grid, budget_bytes), most_messages))
 
 
 def _choose_steps(features: npt.NDArray[np.floating], bits: int) -> Float:
     """Return steps (C,) in half precision, rounded up so that no level exceeds what the bits hold."""
-    most = 2**bits - 1 if features.min(initial=0.0) >= 0 else max(2 ** (bits - 1) - 1, 1)
+    most = (1 << bits) - 1 if features.min(initial=0.0) >= 0 else max((1 << bits - 1) - 1, 1)
     peaks = np.abs(features).max(axis=(1, 2)).astype(np.float64)
     if peaks.max() > MAX_FEATURE:
         raise MessageError(f"feature: expected features up to {MAX_FEATURE:g}, found {peaks.max():g}")

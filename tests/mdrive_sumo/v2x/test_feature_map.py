@@ -133,6 +133,7 @@ def test_the_most_confident_tiles_go_first_and_within_the_budget() -> None:
         assert sum(len(one.payload) for one in some) <= budget
         tiles = [tile for one in read(some) for tile in one.tiles.tolist()]
         assert tiles == [tile for one in read(whole) for tile in one.tiles.tolist()][: len(tiles)]
+    assert encode_feature_map(values, confidence, POSE, GRID, most_messages=2) == whole[:2] != whole
     few = read(encode_feature_map(values, confidence, POSE, GRID, least_confidence=0.8))
     assert min(one.confidence.min() for one in few) >= 0.8 - 1 / 510
     assert 0 < sum(len(one.tiles) for one in few) < len(stated)

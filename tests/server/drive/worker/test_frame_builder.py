@@ -14,6 +14,8 @@ from mdrive_sumo.v2x.messages import (
     Denm,
     Direction,
     EventCause,
+    Feature,
+    FeatureGrid,
     Intention,
     Mcm,
     ReferencePose,
@@ -80,12 +82,14 @@ def test_messages_are_told_once_for_all_receivers() -> None:
     pose = ReferencePose(30.0, 5.0, 0.25, 7)
     seen = Objects((format_track_name(3),), *(np.array([value]) for value in (0, 40.0, 6.0, 0.1, 3.0, 4.5, 1.8)))
     seen = replace(seen, kind=np.array([0], dtype=np.uint8))
+    grid = FeatureGrid("bev", 0, 1.0, 16, 16, 1)
     path = np.column_stack((np.arange(6) * 2.0 + 30.0, np.full(6, 5.0)))
     sent = {
         "cam": encode(Cam(pose, 5.0, 0.0, 0.0, 4.9, 2.0)),
         "cpm": encode(Cpm(pose, 60.0, seen, np.array([0], dtype=np.uint8))),
         "mcm": encode(Mcm(pose, 5.0, Intention.KEEP, Direction.FOLLOW, 0.5, path)),
         "denm": encode(Denm(pose, 2, EventCause.COLLISION_RISK, 0, 40.0, 6.0, 5, 1.0, 5.0, 4.9, 2.0)),
+        "feature": encode(Feature(pose, grid, np.ones(1), np.arange(2), np.ones(2), *np.ones((2, 1), dtype=np.int64))),
         "text": encode("I wait for 0a1b2c3d"),
         "own": Message("own", b"x"),
         "bad": Message("cam", b"x"),
@@ -93,10 +97,11 @@ def test_messages_are_told_once_for_all_receivers() -> None:
     arrived = {name: replace(message, sender="1", tick=6) for name, message in sent.items()}
     received = {"0": tuple(arrived.values()), "2": (arrived["cam"],), "3": ()}
     rows = {row["kind"]: row for row in describe_messages(received, {"0a1b2c3d": "2"}, ORIGIN)}
-    assert set(rows) == {"cam", "cpm", "mcm", "denm", "text"}
+    assert set(rows) == {"cam", "cpm", "mcm", "denm", "feature", "text"}
     assert rows["cam"] == {"from": "1", "to": ["0", "2"], "kind": "cam", "at": [20.0, 10.0], "speed": 5.0, "yaw": 0.25}
     assert rows["text"] == {"from": "1", "to": ["0"], "kind": "text", "text": "I wait for 2"}
     assert rows["cpm"]["objects"] == [pytest.approx([30.0, 11.0, 0.1, 4.5, 1.8, 3.0], abs=0.02)]
     assert rows["denm"]["event"] == pytest.approx([30.0, 11.0], abs=0.02)
     assert (rows["denm"]["cause"], rows["denm"]["valid_ticks"], rows["denm"]["ended"]) == ("collision risk", 20, False)
+    assert rows["feature"]["tiles"] == 2
     assert rows["mcm"]["path"] == [[20.0, 10.0], [24.0, 10.0], [28.0, 10.0], [30.0, 10.0]]
