@@ -12,9 +12,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.roads import RoadMap, load_road_map
-from mdrive_sumo.roads.network_file import NET_FILE
 from mdrive_sumo.worlds.network_features import NetworkFeatures, Topology, extract_features
-from mdrive_sumo.worlds.places import PLACE_KINDS, PLACES_VERSION, Place, check_place, draw_place, write_place
+from mdrive_sumo.worlds.places import PLACE_FILE, PLACE_KINDS, PLACES_VERSION, Place, check_place, draw_place, write_place
 from mdrive_sumo.worlds.places.place_files import PlaceFile
 from mdrive_sumo.worlds.places.place_parameters import Value
 
@@ -126,19 +125,26 @@ CHOICES_AT_SIGNALS: Final[Mapping[tuple[Topology, bool], Sequence[PlaceChoice]]]
 def draw_fitting_network(
     choices: Sequence[PlaceChoice], fits: Callable[[NetworkFeatures], bool], seed: str, folder: Path
 ) -> tuple[PlaceFile, RoadMap]:
-    """Draw places until one is sound and fits; write it to `folder`/NAME. Raises ProposalRejected, and InputError
-    without netconvert."""
+    """Draw places until one is sound and fits; each is in `folder`/NAME then. Raises ProposalRejected, and InputError
+    without netconvert, unless all lie there."""
     rng = random.Random(f"{seed}/place")
     reason = ""
     for number in range(DRAWS):
         choice = rng.choice(choices)
         place = draw_place(choice.kind, f"{seed}-{number}" if choice.kind in PLACE_KINDS else 0, **choice.parameters)
-        roads = load_road_map(write_place(place, folder / place.name))
+        roads = compile_place(place, folder)
         faults = check_place(roads) if place.draft is not None else []
         if not faults and fits(extract_features(roads)):
             return describe_place(place), roads
         reason = f"network {place.name}: {faults[0] if faults else 'not what the proposal needs'}"
     raise ProposalRejected(PipelineStage.CROP, f"expected a place that fits among {DRAWS}, found {reason}")
+
+
+def compile_place(place: Place, folder: Path) -> RoadMap:
+    """Return the road map of a place, which is written to `folder`/NAME unless it lies there. Raises InputError."""
+    home = folder / place.name
+    is_written = (home / PLACE_FILE).is_file()  # the last file of `write_place`
+    return load_road_map(home if is_written else write_place(place, home))
 
 
 def describe_place(place: Place) -> PlaceFile:
@@ -156,9 +162,7 @@ def redraw_network(about: PlaceFile, folder: Path) -> RoadMap:
             f"recipe: place: expected version {PLACES_VERSION}, which this release draws, found {about.version}:"
             " the release that drew the season rebuilds it"
         )
-    place = draw_place(about.kind, about.seed, **about.parameters)
-    home = folder / place.name
-    return load_road_map(home if (home / NET_FILE).is_file() else write_place(place, home))
+    return compile_place(draw_place(about.kind, about.seed, **about.parameters), folder)
 
 
 @contextmanager

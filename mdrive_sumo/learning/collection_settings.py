@@ -11,7 +11,7 @@ from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.learning.learner_driver import find_driver_system
 from mdrive_sumo.learning.recorded_rigs import find_recorded_rig
-from mdrive_sumo.learning.sample_format import SPLITS
+from mdrive_sumo.learning.sample_format import PLACES_FOLDER, SPLITS
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
@@ -21,8 +21,6 @@ from mdrive_sumo.scenario.suite import load_suite
 
 EXPERTS = ("omniscient", "sharing+negotiation", "single")
 """Built-in agents that answer with plans; the best first."""
-TRAINING_NETWORKS = "train_"
-"""Beginning of the names of all networks for training."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +39,8 @@ class CollectionSettings:
     round: int = 0
     suite: str = ""
     """Suite that stands in for training scenarios, in tests."""
+    places: Path = Path(PLACES_FOLDER)
+    """Folder in which the places of training scenarios lie, or are drawn; what is in it decides nothing."""
 
     def __post_init__(self) -> None:
         """Raises InputError for unknown names."""
@@ -100,11 +100,4 @@ class CollectionSettings:
             return scenario, load_road_map(folder)
         from mdrive_sumo.learning.training_scenarios import build_training_scenario  # here: it imports the generators
 
-        scenario = build_training_scenario(self.split, self.seed, index)
-        if scenario is None:
-            return None
-        if not scenario.network.startswith(TRAINING_NETWORKS):
-            raise InputError(
-                f"training scenario {scenario.id}: expected a network {TRAINING_NETWORKS}*, found {scenario.network!r}"
-            )
-        return scenario, load_road_map(find_network_folder(scenario.network))
+        return build_training_scenario(self.split, self.seed, index, self.places)

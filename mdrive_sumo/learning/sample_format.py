@@ -27,7 +27,10 @@ from mdrive_sumo.contract import CameraImage
 
 FORMAT = "mdrive-sumo/training-data/1"
 DATASET_FILE = "dataset.json"
-SPLITS = ("train", "val")
+PLACES_FOLDER = "places"
+"""Folder of the places of training scenarios, beside those of the data sets."""
+SPLITS = ("train", "val", "test")
+"""Of training scenarios, by place; what is reported comes from `test`."""
 SHARD_SCENARIOS = 4
 """Scenarios of one shard: with six cameras about 100 MB."""
 LABELS_SUFFIX, INSTRUCTION_SUFFIX, ABOUT_SUFFIX, IMAGE_ENDING = "labels.npz", "instruction.txt", "about.json", ".jpg"

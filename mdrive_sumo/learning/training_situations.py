@@ -1,6 +1,6 @@
 """Situations of training scenarios: which CAVs drive where, and what else is on the road, before anything has a place.
 
-Each situation is one function that draws a `SituationPlan` on a network, or None where the network cannot stage it.
+Each situation is one function that draws a `SituationPlan` on a drawn place, or None where the place cannot stage it.
 """
 
 import random
@@ -17,6 +17,14 @@ Ways = dict[str, LaneRoute]
 MOST_CAVS = 5
 DENSE_TRAFFIC = (20, 84)
 """Background vehicles of dense traffic; V2XPnP's scenarios have 84 on average."""
+CROWD = (30, 90)
+"""Scripted and parked road users of a crowded place, as many as recordings have."""
+STREETS = frozenset(
+    ("crossing", "town_block", "car_park", "driveways", "corridor", "residential_street", "arterial")
+)
+"""Kinds of places with pavements."""
+SLOW_ROADS = STREETS | {"roundabout", "country_road", "works_zone"}
+"""Kinds of places where people and cyclists may cross."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +50,8 @@ class SituationPlan:
     """Background vehicles elsewhere."""
     is_jammed: bool = False
     """Whether background vehicles may start with short gaps and low speeds."""
+    crowd: int = 0
+    """Scripted and parked road users at most, drawn with the traffic of a town around them; 0: none of these."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +59,14 @@ class TrainingSituation:
     """A kind of training scenario."""
 
     share: float
-    """Share of all training scenarios."""
+    """Share of all training scenarios that is aimed at."""
     draw: Callable[[RoadMap, random.Random], SituationPlan | None]
-    networks: frozenset[str] = field(default_factory=frozenset[str])
-    """Words in the names of the networks that can stage it; empty: any network."""
+    kinds: frozenset[str] = field(default_factory=frozenset[str])
+    """Kinds of places that can stage it; empty: any."""
 
-    def fits(self, network: str) -> bool:
-        """Return whether a network of that name may stage the situation."""
-        return not self.networks or any(word in network for word in self.networks)
+    def fits(self, kind: str) -> bool:
+        """Return whether a place of that kind may stage the situation."""
+        return not self.kinds or kind in self.kinds
 
 
 def _name_vehicles(ways: Sequence[LaneRoute]) -> Ways:
@@ -193,6 +203,16 @@ def _draw_dense(roads: RoadMap, rng: random.Random) -> SituationPlan:
     return SituationPlan(_name_vehicles(ways), (40.0, 90.0), parked=parked, traffic=traffic, is_jammed=True)
 
 
+def _draw_crowded(roads: RoadMap, rng: random.Random) -> SituationPlan:
+    """CAVs among people on foot, parked vehicles and the traffic of a town."""
+    ways = _draw_routes(roads, rng, rng.randint(1, 4), 0.05)
+    walkers = rng.randint(0, 2)
+    hidden = rng.randint(0, walkers)
+    return SituationPlan(
+        _name_vehicles(ways), walkers=walkers, hidden_walkers=hidden, crowd=rng.randint(CROWD[0] + 10, CROWD[1])
+    )
+
+
 def _draw_lane_changes(roads: RoadMap, rng: random.Random) -> SituationPlan | None:
     """CAVs side by side that change lanes."""
     changing = find_lane_change_routes(roads)
@@ -217,7 +237,7 @@ def _draw_going_round(roads: RoadMap, rng: random.Random) -> SituationPlan | Non
 def _draw_merge(roads: RoadMap, rng: random.Random) -> SituationPlan | None:
     """CAVs of two lanes want the same one: an on-ramp, or a lane that ends."""
     ways = (*find_lane_routes(roads), *find_lane_change_routes(roads))
-    ramps = [way for way in ways if way.entry == "ramp"]
+    ramps = [way for way in ways if way.entry == "on_ramp"]
     first = rng.choice(ramps if ramps and rng.random() < 0.6 else ways)
     leading_there = [way for way in ways if (way.exit, way.exit_rank) == (first.exit, first.exit_rank)]
     others = [way for way in leading_there if way.lanes[0] != first.lanes[0]]
@@ -229,22 +249,25 @@ def _draw_merge(roads: RoadMap, rng: random.Random) -> SituationPlan | None:
 
 SITUATIONS: Mapping[str, TrainingSituation] = MappingProxyType(
     {
-        "lone": TrainingSituation(0.10, _draw_lone),
-        "meeting": TrainingSituation(0.15, _draw_meeting),
-        "oncoming-left": TrainingSituation(0.10, _draw_oncoming_left),
-        "queue": TrainingSituation(0.08, _draw_queue),
-        "obstacle": TrainingSituation(0.10, _draw_obstacle),
-        "walkers": TrainingSituation(0.10, _draw_walkers),
-        "cyclists": TrainingSituation(0.05, _draw_cyclists),
-        "traffic": TrainingSituation(0.12, _draw_traffic),
-        "dense": TrainingSituation(0.05, _draw_dense),
+        "lone": TrainingSituation(0.08, _draw_lone),
+        "meeting": TrainingSituation(0.13, _draw_meeting),
+        "oncoming-left": TrainingSituation(0.08, _draw_oncoming_left, STREETS | {"roundabout"}),
+        "queue": TrainingSituation(0.07, _draw_queue),
+        "obstacle": TrainingSituation(0.09, _draw_obstacle),
+        "walkers": TrainingSituation(0.07, _draw_walkers, SLOW_ROADS),
+        "cyclists": TrainingSituation(0.04, _draw_cyclists, SLOW_ROADS),
+        "traffic": TrainingSituation(0.09, _draw_traffic),
+        "dense": TrainingSituation(0.04, _draw_dense),
+        "crowded": TrainingSituation(0.20, _draw_crowded, STREETS),
         "lane-changes": TrainingSituation(
             0.04,
             _draw_lane_changes,
-            frozenset(("avenue", "corridor", "wide", "signals", "tee", "motorway", "val_crossing")),
+            frozenset(("crossing", "corridor", "arterial", "motorway_merge", "motorway_weave", "motorway_exit")),
         ),
-        "roundabout": TrainingSituation(0.06, _draw_going_round, frozenset(("roundabout",))),
-        "merge": TrainingSituation(0.05, _draw_merge, frozenset(("motorway", "avenue", "val_crossing"))),
+        "roundabout": TrainingSituation(0.04, _draw_going_round, frozenset(("roundabout",))),
+        "merge": TrainingSituation(
+            0.03, _draw_merge, frozenset(("motorway_merge", "motorway_weave", "lane_drop"))
+        ),
     }
 )
-"""By name; the shares add up to 1."""
+"""By name."""

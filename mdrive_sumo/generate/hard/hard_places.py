@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.generate.drawn_places import DRAWS, PlaceChoice, describe_place
+from mdrive_sumo.generate.drawn_places import DRAWS, PlaceChoice, compile_place, describe_place
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 from mdrive_sumo.roads import RoadMap, load_road_map
-from mdrive_sumo.roads.network_file import NET_FILE
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
-from mdrive_sumo.worlds.places import PLACE_KINDS, check_place, draw_place, write_place
+from mdrive_sumo.worlds.places import PLACE_KINDS, check_place, draw_place
 from mdrive_sumo.worlds.places.place_files import PlaceFile
 
 PLACES_OF_CHOICE = 4
@@ -106,8 +105,6 @@ def draw_hard_place(task: PlaceTask) -> HardPlace | None:
     """Draw places until one is sound, write it, and return it; None if none of `DRAWS` is."""
     for number in range(DRAWS):
         place = draw_place(task.choice.kind, f"{task.seed}-{number}", **task.choice.parameters)
-        folder = task.folder / place.name
-        roads = load_road_map(folder if (folder / NET_FILE).is_file() else write_place(place, folder))
-        if not check_place(roads):
-            return HardPlace(describe_place(place), name_choice(task.choice), folder)
+        if not check_place(compile_place(place, task.folder)):
+            return HardPlace(describe_place(place), name_choice(task.choice), task.folder / place.name)
     return None

@@ -121,9 +121,15 @@ class CrossingRequest(NamedTuple):
 
 
 def build_crossing_users(
-    roads: RoadMap, egos: Sequence[Ego], requests: Sequence[CrossingRequest], rng: random.Random
+    roads: RoadMap,
+    egos: Sequence[Ego],
+    requests: Sequence[CrossingRequest],
+    rng: random.Random,
+    pace: float = BLIND_SPEED,
 ) -> Iterator[Actor]:
-    """Return pedestrians and cyclists that cross the routes of drawn CAVs, and the vehicles that hide them."""
+    """Return pedestrians and cyclists that cross the routes of drawn CAVs, and the vehicles that hide them.
+
+    pace: speed [m/s] of a CAV that they would meet."""
     for number, (model, is_hidden) in enumerate(requests):
         ego, body = rng.choice(egos), BODIES[model]
         early_s = rng.uniform(*(HIDDEN_EARLY_S if is_hidden else EARLY_S))
@@ -133,7 +139,7 @@ def build_crossing_users(
             ends, met = rng.choice(zebras)
             ends = ends if rng.random() < 0.5 else (ends[1], ends[0])
         else:
-            station = _draw_station(roads, ego, rng)
+            station = _draw_station(roads, ego, rng, pace / BLIND_SPEED)
             if station is None:
                 continue
             side = -1.0 if is_hidden else rng.choice((-1.0, 1.0))
@@ -146,7 +152,7 @@ def build_crossing_users(
             first, last = (compute_route_pose(ego, station, offset)[:2] for offset in offsets)
             ends, met = (first, last), ego.route[station][:2]
         aside = portable.distance(ends[0], met)
-        rolling = BLIND_SPEED * (aside / speed + early_s)
+        rolling = pace * (aside / speed + early_s)
         trigger = build_distance_trigger(ego, portable.hypot(max(rolling, 6.0), aside))
         yield build_crossing_actor(f"{body.kind}_{number}", body, ends, speed, trigger)
 
@@ -162,13 +168,13 @@ def _find_zebras(roads: RoadMap, ego: Ego) -> Iterator[tuple[Ends, Spot]]:
             yield ((x0, y0), (x1, y1)), (float(point.x), float(point.y))
 
 
-def _draw_station(roads: RoadMap, ego: Ego, rng: random.Random) -> int | None:
+def _draw_station(roads: RoadMap, ego: Ego, rng: random.Random, stretch: float) -> int | None:
     """Return a station [m] on the CAV's route outside junctions; None if there is none."""
-    last = min(len(ego.route) - 8, int(CROSSING_AHEAD_M[1]))
-    if last <= CROSSING_AHEAD_M[0]:
+    first, last = int(stretch * CROSSING_AHEAD_M[0]), min(len(ego.route) - 8, int(stretch * CROSSING_AHEAD_M[1]))
+    if last <= first:
         return None
     for _ in range(TRIES):
-        station = rng.randint(int(CROSSING_AHEAD_M[0]), last)
+        station = rng.randint(first, last)
         near = roads.find_nearest_lanes(ego.xy[station][None])
         if not roads.in_junction[near.lane[0]]:
             return station

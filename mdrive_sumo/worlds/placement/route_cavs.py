@@ -1,16 +1,11 @@
-"""CAVs on lane routes, whether these meet or not: starts and goals, and start speeds where nothing is near."""
+"""CAVs on lane routes, whether these meet or not: starts and goals."""
 
 import random
 from collections.abc import Sequence
 from itertools import combinations
 
-import numpy as np
-import shapely
-
-from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.scenario.start_boxes import build_user_box
 from mdrive_sumo.worlds.lane_routes import locate_junction
 from mdrive_sumo.worlds.placement.cavs import NoRoomError, SpawnPoint, build_spawned_cav
 from mdrive_sumo.worlds.placement.lane_chains import (
@@ -18,6 +13,7 @@ from mdrive_sumo.worlds.placement.lane_chains import (
     build_way_line,
     find_conflict_stations,
 )
+from mdrive_sumo.worlds.placement.spawn_points import RUN_UP_M as CONFLICT_RUN_UP_M
 from mdrive_sumo.worlds.placement.spawn_points import (
     RIM_M,
     RUN_OUT_M,
@@ -38,24 +34,19 @@ MEET_M = (20.0, 60.0)
 """[m] From start to meeting point of CAVs that come towards each other on a road without a junction."""
 BESIDE_M = (-9.0, 9.0)
 """[m] How far a CAV starts behind (-) or ahead of one in the next lane: two car lengths; chosen."""
-MOVING_SHARE, START_MPS = 0.35, (2.0, 8.0)
-"""Share of CAVs that start with a speed [m/s], as those of logs do, if nothing is near ahead."""
-CLEAR_AHEAD_M, CLEAR_WIDTH_M = 24.0, 5.0
-"""[m] Length and width of what must be free ahead of a CAV that starts with a speed."""
-STRAIGHT_RAD = 0.25
-"""[rad] Its route turns by no more than that there."""
 
 
 def build_route_cavs(
-    ways: LaneRoutes, route_m: tuple[float, float], roads: RoadMap, rng: random.Random
+    ways: LaneRoutes, route_m: tuple[float, float], roads: RoadMap, rng: random.Random, stretch: float = 1.0
 ) -> dict[str, Ego]:
     """Return the CAVs by vehicle id, at rest, with routes of a length drawn between two bounds [m].
 
-    Raises NoRoomError where they have no room.
+    stretch: factor on these bounds and on the distances to where CAVs meet, for CAVs that are faster than 8 m/s. Raises
+    NoRoomError where they have no room.
     """
     share = rng.choice(CHANGE_SHARES)
     lines = {name: build_way_line(roads, way, share) for name, way in ways.items()}
-    spawns = _choose_spawns(ways, lines, rng.uniform(*route_m), roads, rng)
+    spawns = _choose_spawns(ways, lines, stretch, rng.uniform(*route_m), roads, rng)
     return {
         name: build_spawned_cav(roads, str(number), way, spawns[name], share)
         for number, (name, way) in enumerate(ways.items())
@@ -63,23 +54,25 @@ def build_route_cavs(
 
 
 def _choose_spawns(
-    ways: LaneRoutes, lines: RouteLines, route_m: float, roads: RoadMap, rng: random.Random
+    ways: LaneRoutes, lines: RouteLines, stretch: float, drawn_m: float, roads: RoadMap, rng: random.Random
 ) -> dict[str, SpawnPoint]:
+    route_m = stretch * drawn_m
     if len(ways) == 1:
         ((name, way),) = ways.items()
         begin, length = locate_junction(roads, way)[0], lines[name].last_m
         last = length - RIM_M - LEAST_ROUTE_M
         near = any(roads.lanes[lane].junction for lane in way.lanes) and rng.random() < AT_JUNCTION_SHARE
-        start = begin - rng.uniform(*RUN_UP_M) if near else rng.uniform(RIM_M, max(last, RIM_M))
+        start = begin - stretch * rng.uniform(*RUN_UP_M) if near else rng.uniform(RIM_M, max(last, RIM_M))
         start = min(max(start, RIM_M), last)
         return {name: SpawnPoint(start, min(start + route_m, length - RIM_M))}
     if any(find_conflict_stations(lines[a], lines[b]) for a, b in combinations(ways, 2)):
-        return choose_spawn_points(lines, ways, route_m, rng)
-    return _choose_passing_spawns(ways, lines, route_m, rng)
+        nearest_m, farthest_m = CONFLICT_RUN_UP_M
+        return choose_spawn_points(lines, ways, route_m, rng, (stretch * nearest_m, stretch * farthest_m))
+    return _choose_passing_spawns(ways, lines, route_m, stretch, rng)
 
 
 def _choose_passing_spawns(
-    ways: LaneRoutes, lines: RouteLines, route_m: float, rng: random.Random
+    ways: LaneRoutes, lines: RouteLines, route_m: float, stretch: float, rng: random.Random
 ) -> dict[str, SpawnPoint]:
     """Return starts of CAVs whose routes never cross: behind, beside or towards the first one."""
     first, *others = ways
@@ -90,33 +83,11 @@ def _choose_passing_spawns(
             starts[name] = behind
             continue
         is_beside = ways[name].entry == ways[first].entry
-        ahead = rng.uniform(*BESIDE_M) if is_beside else rng.uniform(*MEET_M)
+        ahead = rng.uniform(*BESIDE_M) if is_beside else stretch * rng.uniform(*MEET_M)
         at = lines[first].xy[int(min(max(starts[first] + ahead, 0.0), lengths[first]))]
         met = lines[name].locate(*at.tolist())
-        starts[name] = met if is_beside else met - rng.uniform(*MEET_M)
+        starts[name] = met if is_beside else met - stretch * rng.uniform(*MEET_M)
     for name, start in starts.items():
         if not RIM_M <= start <= lengths[name] - RIM_M - RUN_OUT_M:
             raise NoRoomError(f"{name}: expected room for its start on {lengths[name]} m, found {start:.0f} m")
     return {name: SpawnPoint(start, min(start + route_m, lengths[name] - RIM_M)) for name, start in starts.items()}
-
-
-def draw_start_speeds(egos: Sequence[Ego], others: Sequence[shapely.Polygon], rng: random.Random) -> tuple[Ego, ...]:
-    """Return the CAVs, some with a speed at the start: those with a free and nearly straight stretch ahead.
-
-    others: boxes of all other road users.
-    """
-    boxes = [build_user_box(ego) for ego in egos]
-    found: list[Ego] = []
-    for k, ego in enumerate(egos):
-        is_moving, speed = rng.random() < MOVING_SHARE, round(rng.uniform(*START_MPS), 2)
-        if is_moving and _is_clear_ahead(ego, [*boxes[:k], *boxes[k + 1 :], *others]):
-            ego = ego.model_copy(update={"start_speed": speed})
-        found.append(ego)
-    return tuple(found)
-
-
-def _is_clear_ahead(ego: Ego, others: Sequence[shapely.Polygon]) -> bool:
-    ahead = min(int(CLEAR_AHEAD_M), len(ego.route) - 1)
-    turned = max(abs(wrap_angle(yaw - ego.start.yaw)) for yaw in ego.yaw[: ahead + 1].tolist())
-    strip = shapely.LineString(ego.xy[: ahead + 1]).buffer(CLEAR_WIDTH_M / 2, cap_style="flat")
-    return turned < STRAIGHT_RAD and not np.any(shapely.intersects(strip, list(others)))

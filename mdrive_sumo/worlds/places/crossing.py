@@ -32,7 +32,7 @@ SHARP_M = 14.0
 """[m] A corner that is sharper than a right angle gets so much more radius for each radian (found by `check_place`)."""
 JITTER_DEG = 6.0
 """[deg] Largest deviation of an arm from its direction, beside the skew."""
-AREAS = ("old_town", "town", "suburb", "commercial", "country")
+AREAS = ("old_town", "town", "suburb", "commercial", "country", "open")
 CONTROLS = ("right_before_left", "priority", "stop", "all_way_stop", "signals")
 
 
@@ -44,6 +44,7 @@ def _weigh_controls(drawn: Drawn) -> tuple[float, ...]:
         "suburb": (4.0, 2.0, 1.0, 1.5, 1.0),
         "commercial": (0.0, 2.0, 1.0, 1.0, 5.0),
         "country": (0.0, 4.0, 3.0, 1.0, 1.0),
+        "open": (1.0, 3.0, 2.0, 1.0, 3.0),
     }
     weights = by_area[drawn["area"]]
     return weights if drawn["arms"] < 5 else (*weights[:3], 0.0, weights[4] + 1.0)
@@ -56,6 +57,7 @@ def _weigh_speeds(drawn: Drawn) -> tuple[float, ...]:
         "suburb": (2.0, 1.0, 0.0, 0.0),
         "commercial": (0.0, 3.0, 1.0, 0.0),
         "country": (0.0, 0.0, 1.0, 3.0),
+        "open": (0.5, 2.0, 1.0, 1.0),
     }
     # German law: right before left in zones of 30 km/h (StVO § 45 1c), elsewhere where signs are not worth it.
     return (1.0, 0.25, 0.0, 0.0) if drawn["control"] == "right_before_left" else by_area[drawn["area"]]
@@ -103,7 +105,7 @@ def _weigh_sight(drawn: Drawn) -> tuple[float, ...]:
 class CrossingParameters:
     """Parameters of a crossing."""
 
-    area: str = choose(*AREAS, doc="Kind of neighbourhood.", weights=(2.0, 3.0, 3.0, 1.5, 1.5))
+    area: str = choose(*AREAS, doc="Kind of neighbourhood.", weights=(2.0, 3.0, 3.0, 1.5, 1.5, 0.0))
     arms: int = choose(3, 4, 5, doc="Streets that meet.", weights=(4.0, 7.0, 1.0))
     control: str = choose(*CONTROLS, doc="Rule of the junction.", weights=_weigh_controls)
     speed_kmh: int = choose(30, 50, 60, 70, doc="Speed limit of the main street [km/h].", weights=_weigh_speeds)
@@ -143,7 +145,7 @@ def build_crossing(draft: NetworkDraft, parameters: CrossingParameters, rng: ran
 
 def _choose_radius(parameters: CrossingParameters, arms: Sequence[Arm]) -> float:
     """Return the radius [m] of corners; RASt 06 has 6 to 10 m for cars, RAL 12 m and more outside of towns."""
-    base_m = {"old_town": 5.5, "town": 6.5, "suburb": 6.5, "commercial": 8.0, "country": 12.0}[parameters.area]
+    base_m = {"old_town": 5.5, "town": 6.5, "suburb": 6.5, "commercial": 8.0, "country": 12.0, "open": 8.0}[parameters.area]
     sharpest = min(math.pi - abs(compute_turn(arm, other)) for arm in arms for other in arms if other is not arm)
     return round(base_m + max(math.pi / 2 - sharpest, 0.0) * SHARP_M, 1)
 

@@ -16,7 +16,7 @@ from mdrive_sumo.worlds.places.place import PlaceKind
 from mdrive_sumo.worlds.places.place_parameters import Drawn, between, choose
 from mdrive_sumo.worlds.places.surroundings import SURROUNDINGS
 
-AREAS = ("town", "suburb", "commercial", "country")
+AREAS = ("town", "suburb", "commercial", "country", "open")
 SPREAD_DEG = 11.0
 """[deg] Largest deviation of an arm from even angles; with five arms and a small ring it is less."""
 SEGMENT_M = 8.0
@@ -52,7 +52,7 @@ def _limit_radius(drawn: Drawn) -> tuple[float, float]:
 class RoundaboutParameters:
     """Parameters of a roundabout."""
 
-    area: str = choose(*AREAS, doc="Kind of neighbourhood.")
+    area: str = choose(*AREAS, doc="Kind of neighbourhood.", weights=(1.0, 1.0, 1.0, 1.0, 0.0))
     arms: int = choose(3, 4, 5, doc="Streets that meet.", weights=(3.0, 6.0, 1.0))
     lanes: int = choose(1, 2, doc="Lanes of the ring and of each arm.", weights=_weigh_lanes)
     speed_kmh: int = choose(30, 50, 70, doc="Speed limit of the arms [km/h].", weights=_weigh_speeds)

@@ -96,6 +96,8 @@ SURROUNDINGS: Mapping[str, Surroundings] = {
         0.0,
         3.5,
     ),
+    # Nothing stands there, as on a new estate before its houses: sight is open in all directions. Never drawn unasked.
+    "open": Surroundings("on open ground", (), 2.0, 3.25),
 }
 """Trees of country roads stand 4.5 m from the road or farther, as RPS 2009 asks for at 80 to 100 km/h without barriers
 (its least distance; 7.5 m for new ones)."""

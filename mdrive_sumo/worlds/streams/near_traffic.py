@@ -38,6 +38,8 @@ SPEED_BY_GAP = 0.3
 would have to brake hard."""
 TOP_MPS = (7.0, 13.0)
 """[m/s] Drawn once for all vehicles of a scenario, so that they do not catch up with CAVs of 8 m/s too fast."""
+TOP_SHARES = (0.85, 1.05)
+"""The same as a share of the greatest speed limit, around CAVs that drive as fast as the road allows; chosen."""
 ENTER_S = (1.0, 20.0)
 """[s] When vehicles enter that are not there at the start."""
 PRESENT_SHARE = 0.75
@@ -54,6 +56,8 @@ class TrafficRequest:
     """Standing ahead of the first CAV."""
     others: int
     is_jammed: bool = False
+    at_road_speed: bool = False
+    """Whether they drive as fast as the road allows, as the CAVs do."""
 
 
 def build_near_traffic(
@@ -61,7 +65,8 @@ def build_near_traffic(
 ) -> tuple[BackgroundVehicle, ...]:
     """Return background vehicles; fewer than requested where there is no room."""
     taken = build_occupancy((*egos, *actors), (), roads)
-    top = rng.uniform(*TOP_MPS)
+    fastest = max(lane.speed_limit for lane in roads.driving)
+    top = rng.uniform(*TOP_SHARES) * fastest if request.at_road_speed else rng.uniform(*TOP_MPS)
     made = list(_build_queue(roads, egos[0], request.queue, taken, rng)) if request.queue else []
     present = round(request.others * PRESENT_SHARE)
     made += _build_present(roads, egos, (present, request.is_jammed, top), taken, rng)
