@@ -14,12 +14,12 @@ from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.collection import collect_dataset
 from mdrive_sumo.learning.collection_settings import EXPERTS, CollectionSettings
 from mdrive_sumo.learning.recorded_rigs import RIG_NAMES, parse_rig_names
-from mdrive_sumo.learning.sample_format import SPLITS, CollectedScenario, DatasetFile, ShardEntry
+from mdrive_sumo.learning.sample_format import PLACES_FOLDER, SPLITS, CollectedScenario, DatasetFile, ShardEntry
 
 
 @click.command("data")
 @click.option(
-    "--split", type=click.Choice(SPLITS), required=True, help="Networks and scenarios for training, or to check."
+    "--split", type=click.Choice(SPLITS), required=True, help="Places for training, validation, or the final test."
 )
 @click.option("--scenarios", type=click.IntRange(1, 1_000_000), required=True, metavar="N", help="How many scenarios.")
 @click.option(
@@ -51,6 +51,11 @@ from mdrive_sumo.learning.sample_format import SPLITS, CollectedScenario, Datase
     type=click.IntRange(0, 1000),
     help="DAgger: number of the round.  [default: 1; 0 without --driver]",
 )
+@click.option(
+    "--places",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Places of the scenarios; what is missing is drawn.  [default: places, beside --out]",
+)
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing.")
 @click.option("--suite", default="", hidden=True, help="Tests: scenarios of a suite instead of training scenarios.")
 @click.pass_context
@@ -59,7 +64,7 @@ def command(ctx: click.Context, out: Path, scenarios: int, workers: int, fresh: 
 
     The same command continues after an interruption; a larger --scenarios extends the data set.
     """
-    settings = _parse_settings(options)
+    settings = _parse_settings(options, (options["places"] or out.parent / PLACES_FOLDER).resolve())
     display = CollectionDisplay()
     try:
         dataset = collect_dataset(settings, out, scenarios, workers, display, fresh)
@@ -78,8 +83,8 @@ def command(ctx: click.Context, out: Path, scenarios: int, workers: int, fresh: 
     ctx.exit(1 if failed or done < scenarios else 0)
 
 
-def _parse_settings(options: Mapping[str, Any]) -> CollectionSettings:
-    """Return the settings. Raises InputError and click.UsageError."""
+def _parse_settings(options: Mapping[str, Any], places: Path) -> CollectionSettings:
+    """Return the settings, with a folder of places. Raises InputError and click.UsageError."""
     source = click.get_current_context().get_parameter_source
     driver, round_ = options["driver"], options["round_"]
     if driver is None and (round_ or source("mix") is click.core.ParameterSource.COMMANDLINE):
@@ -96,6 +101,7 @@ def _parse_settings(options: Mapping[str, Any]) -> CollectionSettings:
         mix=0.0 if driver is None else options["mix"],
         round=0 if driver is None else round_ or 1,
         suite=options["suite"],
+        places=places,
     )
 
 

@@ -12,6 +12,7 @@ from mdrive_sumo.cli.options import FiniteRange, workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.require_torch import require_torch
+from mdrive_sumo.learning.sample_format import PLACES_FOLDER
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -22,15 +23,14 @@ class RoundOptions:
 
     rounds: int
     scenarios: int
+    places: Path
     workers: int
 
 
 @click.command("train")
 @click.argument("system", type=click.Choice(tuple(SYSTEMS)))
 @click.option("--data", multiple=True, type=FOLDER, help="Data set of `learn data`; may repeat.")
-@click.option(
-    "--val", multiple=True, type=FOLDER, help="Data set to validate on  [default: one scenario of 20 of --data]"
-)
+@click.option("--val", multiple=True, type=FOLDER, help="Data set to validate on  [default: one place of 20 of --data]")
 @click.option("--device", type=click.Choice(("cuda", "cpu")), default="cuda", show_default=True)
 @click.option("--out", type=FOLDER, required=True, help="Folder for checkpoint, curves and validation.")
 @click.option("--steps", type=click.IntRange(1, 10_000_000), default=8000, show_default=True)
@@ -48,6 +48,7 @@ class RoundOptions:
 @click.option(
     "--scenarios", type=click.IntRange(1, 1_000_000), default=200, show_default=True, help="Driven in each later round."
 )
+@click.option("--places", type=FOLDER, help="Places of these scenarios.  [default: places, beside the first --data]")
 @workers_option
 @click.option("--smoke", is_flag=True, help="50 steps on 20 samples (made up without --data), exit 1 unless they help.")
 def command(system: str, smoke: bool, data: tuple[Path, ...], out: Path, **options: Any) -> None:
@@ -108,17 +109,20 @@ def _load(system: str, folders: tuple[Path, ...], workers: int) -> dict[str, Any
 
 
 def _train(system: str, data: tuple[Path, ...], out: Path, options: dict[str, Any]) -> None:
+    from mdrive_sumo.learning.held_out import check_apart
     from mdrive_sumo.learning.training.checkpoint import check_unused
     from mdrive_sumo.learning.training.run_training import TrainingRun, find_device, run_training
     from mdrive_sumo.learning.training.training_options import TrainingOptions
 
     find_device(options["device"])  # before the data is read
+    check_apart(data, options["val"])
     if not options["resume"]:
         for folder in _list_starts(out):
             check_unused(folder)
     elif not _is_begun(out):
         raise InputError(f"--resume: expected a training to go on with in {out}, found none")
-    rounds = RoundOptions(options["rounds"], options["scenarios"], options["workers"])
+    places = options["places"] or data[0].parent / PLACES_FOLDER
+    rounds = RoundOptions(options["rounds"], options["scenarios"], places, options["workers"])
     training = TrainingOptions(
         steps=options["steps"], batch=options["batch"], learning_rate=options["learning_rate"], seed=options["seed"],
         max_minutes=options["max_minutes"],
@@ -138,7 +142,7 @@ def _train_in_rounds(run: Any, data: tuple[Path, ...], rounds: RoundOptions) -> 
     from mdrive_sumo.learning.collection import RoundPlan, collect_round
     from mdrive_sumo.learning.training.dagger import DaggerData, train_in_rounds
 
-    plan = RoundPlan(data[0], rounds.scenarios, rounds.workers)
+    plan = RoundPlan(data[0], rounds.places, rounds.scenarios, rounds.workers)
     sources = DaggerData(
         data,
         lambda number, weights, folder: collect_round(plan, number, weights, folder, CollectionDisplay()),

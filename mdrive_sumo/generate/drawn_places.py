@@ -13,7 +13,15 @@ from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.rejection import PipelineStage, ProposalRejected
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.worlds.network_features import NetworkFeatures, Topology, extract_features
-from mdrive_sumo.worlds.places import PLACE_FILE, PLACE_KINDS, PLACES_VERSION, Place, check_place, draw_place, write_place
+from mdrive_sumo.worlds.places import (
+    PLACE_FILE,
+    PLACE_KINDS,
+    PLACES_VERSION,
+    Place,
+    check_place,
+    draw_place,
+    write_place,
+)
 from mdrive_sumo.worlds.places.place_files import PlaceFile
 from mdrive_sumo.worlds.places.place_parameters import Value
 

@@ -170,6 +170,8 @@ class _Collection:
             for index in shard_by_index
             if index not in self.waiting
         ]
+        if jobs:
+            self.settings.draw_places(self.scenarios, workers, self.progress.note)
         for shard in missing:  # a kill may come between the last scenario of a shard and the shard
             self._pack_if_complete(shard)
         with make_executor(run_scenario_job, workers, SCENARIO_LIMIT_S) as executor:
@@ -269,6 +271,8 @@ class RoundPlan:
 
     first: Path
     """Data set whose split, seed, expert, rigs and perturbation are used again."""
+    places: Path
+    """Folder of the places of its scenarios."""
     scenarios: int
     workers: int
 
@@ -286,5 +290,6 @@ def collect_round(plan: RoundPlan, round_: int, weights: Path, folder: Path, pro
         mix=EXPERT_SHARE,
         round=round_,
         suite=made.suite,
+        places=plan.places.resolve(),
     )
     collect_dataset(settings, folder, plan.scenarios, plan.workers, progress, fresh=False)

@@ -1,5 +1,6 @@
 """CollectionSettings: what a data set is made with, as a picklable value for worker processes."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,3 +102,11 @@ class CollectionSettings:
         from mdrive_sumo.learning.training_scenarios import build_training_scenario  # here: it imports the generators
 
         return build_training_scenario(self.split, self.seed, index, self.places)
+
+    def draw_places(self, scenarios: int, workers: int, note: Callable[[str], None]) -> None:
+        """Draw the places of the first scenarios that `places` lacks, in worker processes. Raises InputError."""
+        if self.suite:
+            return
+        from mdrive_sumo.learning.training_places import draw_training_places  # here: it imports the generators
+
+        draw_training_places(self.split, self.seed, scenarios, self.places, workers, note)

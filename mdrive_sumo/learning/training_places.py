@@ -1,7 +1,7 @@
 """Places of training scenarios: drawn by the factory of places, in a namespace of seeds that no suite uses.
 
-A place costs a call of netconvert, so several scenarios share one. Places lie in a folder that is brought along to hosts
-without netconvert; what is missing there is drawn.
+A place costs a call of netconvert, so several scenarios share one. Places lie in a folder that can be brought along to
+hosts without netconvert; what is missing there is drawn.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +14,7 @@ from typing import Final
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.drawn_places import PlaceChoice, draw_fitting_network
 from mdrive_sumo.generate.rejection import ProposalRejected
-from mdrive_sumo.learning.sample_format import SPLITS
+from mdrive_sumo.learning.sample_format import SCENARIOS_PER_PLACE, SPLITS
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.make_executor import make_executor
@@ -22,8 +22,6 @@ from mdrive_sumo.runs.worker_process import WorkerFailure
 from mdrive_sumo.worlds.network_features import NetworkFeatures
 from mdrive_sumo.worlds.places.place_parameters import Value
 
-SCENARIOS_PER_PLACE: Final = 10
-"""So 3 000 scenarios take 300 places: at 0.2 s each a minute on one core, beside hours of driving. Chosen."""
 SEED_NAMESPACE: Final = "training"
 """Beginning of the seed of every place for training; seeds of seasons and of the hard tier are checksums."""
 PLACE_LIMIT_S: Final = 300.0
@@ -64,8 +62,8 @@ PLACE_CHOICES: Final[Sequence[PlaceChoice]] = (
     *_draw_motorways(1, "lane_drop"),
     *_repeat(3, "works_zone"),
 )
-"""What a place is drawn from, each entry equally often; chosen. Corridors and arterial roads of more junctions have ways
-of a kilometre, of which a scenario uses a tenth."""
+"""What a place is drawn from, each entry equally often; chosen. Corridors and arterial roads with more junctions are
+longer than scenarios need."""
 KIND_SHARES: Final[Mapping[str, float]] = MappingProxyType(
     {
         kind: sum(choice.kind == kind for choice in PLACE_CHOICES) / len(PLACE_CHOICES)

@@ -50,7 +50,7 @@ VERSION = 2
 """Version of this generator, part of every seed; incremented whenever the same arguments would make another scenario.
 2: drawn places instead of 16 packaged networks."""
 BUCKET = "Training"
-TEMPLATE, TEMPLATE_SHARE = "template", 0.12
+TEMPLATE, TEMPLATE_SHARE = "template", 0.09
 """Kind and share of scenarios that the templates of the Interaction categories propose."""
 PROPOSALS = 40
 """Proposals that are drawn until one suits the place: of eleven categories most places suit two or more."""

@@ -19,9 +19,7 @@ DENSE_TRAFFIC = (20, 84)
 """Background vehicles of dense traffic; V2XPnP's scenarios have 84 on average."""
 CROWD = (30, 90)
 """Scripted and parked road users of a crowded place, as many as recordings have."""
-STREETS = frozenset(
-    ("crossing", "town_block", "car_park", "driveways", "corridor", "residential_street", "arterial")
-)
+STREETS = frozenset(("crossing", "town_block", "car_park", "driveways", "corridor", "residential_street", "arterial"))
 """Kinds of places with pavements."""
 SLOW_ROADS = STREETS | {"roundabout", "country_road", "works_zone"}
 """Kinds of places where people and cyclists may cross."""
@@ -249,25 +247,23 @@ def _draw_merge(roads: RoadMap, rng: random.Random) -> SituationPlan | None:
 
 SITUATIONS: Mapping[str, TrainingSituation] = MappingProxyType(
     {
-        "lone": TrainingSituation(0.08, _draw_lone),
-        "meeting": TrainingSituation(0.13, _draw_meeting),
-        "oncoming-left": TrainingSituation(0.08, _draw_oncoming_left, STREETS | {"roundabout"}),
-        "queue": TrainingSituation(0.07, _draw_queue),
-        "obstacle": TrainingSituation(0.09, _draw_obstacle),
-        "walkers": TrainingSituation(0.07, _draw_walkers, SLOW_ROADS),
+        "lone": TrainingSituation(0.07, _draw_lone),
+        "meeting": TrainingSituation(0.11, _draw_meeting),
+        "oncoming-left": TrainingSituation(0.07, _draw_oncoming_left, STREETS | {"roundabout"}),
+        "queue": TrainingSituation(0.06, _draw_queue),
+        "obstacle": TrainingSituation(0.08, _draw_obstacle),
+        "walkers": TrainingSituation(0.06, _draw_walkers, SLOW_ROADS),
         "cyclists": TrainingSituation(0.04, _draw_cyclists, SLOW_ROADS),
-        "traffic": TrainingSituation(0.09, _draw_traffic),
+        "traffic": TrainingSituation(0.07, _draw_traffic),
         "dense": TrainingSituation(0.04, _draw_dense),
-        "crowded": TrainingSituation(0.20, _draw_crowded, STREETS),
+        "crowded": TrainingSituation(0.21, _draw_crowded, STREETS),
         "lane-changes": TrainingSituation(
             0.04,
             _draw_lane_changes,
             frozenset(("crossing", "corridor", "arterial", "motorway_merge", "motorway_weave", "motorway_exit")),
         ),
-        "roundabout": TrainingSituation(0.04, _draw_going_round, frozenset(("roundabout",))),
-        "merge": TrainingSituation(
-            0.03, _draw_merge, frozenset(("motorway_merge", "motorway_weave", "lane_drop"))
-        ),
+        "roundabout": TrainingSituation(0.03, _draw_going_round, frozenset(("roundabout",))),
+        "merge": TrainingSituation(0.03, _draw_merge, frozenset(("motorway_merge", "motorway_weave", "lane_drop"))),
     }
 )
-"""By name."""
+"""By name; the shares and that of templates (`training_scenarios`) add up to 1."""

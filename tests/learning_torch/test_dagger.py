@@ -67,8 +67,9 @@ def test_a_round_is_collected_as_the_first_data_was(tmp_path: Path, monkeypatch:
         found.append((settings, folder, scenarios, workers))
 
     monkeypatch.setattr(collecting, "collect_dataset", note)
-    collect_round(RoundPlan(tmp_path, 12, 3), 2, weights, tmp_path / "data", progress=None)  # pyright: ignore[reportArgumentType]
+    collect_round(RoundPlan(tmp_path, tmp_path / "places", 12, 3), 2, weights, tmp_path / "data", progress=None)  # pyright: ignore[reportArgumentType]
     ((settings, folder, scenarios, workers),) = found
     assert (folder, scenarios, workers) == (tmp_path / "data", 12, 3)
     assert (settings.split, settings.seed, settings.expert, settings.rigs) == ("train", 7, "single", ("tcp",))
     assert (settings.perturbation, settings.round, settings.driver) == (0.5, 2, weights)
+    assert settings.places == tmp_path / "places"

@@ -1,7 +1,6 @@
 """CAVs on lane routes, whether these meet or not: starts and goals."""
 
 import random
-from collections.abc import Sequence
 from itertools import combinations
 
 from mdrive_sumo.roads import RoadMap
@@ -13,7 +12,6 @@ from mdrive_sumo.worlds.placement.lane_chains import (
     build_way_line,
     find_conflict_stations,
 )
-from mdrive_sumo.worlds.placement.spawn_points import RUN_UP_M as CONFLICT_RUN_UP_M
 from mdrive_sumo.worlds.placement.spawn_points import (
     RIM_M,
     RUN_OUT_M,
@@ -21,6 +19,7 @@ from mdrive_sumo.worlds.placement.spawn_points import (
     choose_spawn_points,
     draw_start_behind,
 )
+from mdrive_sumo.worlds.placement.spawn_points import RUN_UP_M as CONFLICT_RUN_UP_M
 
 CHANGE_SHARES = (0.3, 0.4, 0.5, 0.6)
 """Where on its lane a lane change begins; few values, for lines of routes are cached."""

@@ -145,7 +145,9 @@ def build_crossing(draft: NetworkDraft, parameters: CrossingParameters, rng: ran
 
 def _choose_radius(parameters: CrossingParameters, arms: Sequence[Arm]) -> float:
     """Return the radius [m] of corners; RASt 06 has 6 to 10 m for cars, RAL 12 m and more outside of towns."""
-    base_m = {"old_town": 5.5, "town": 6.5, "suburb": 6.5, "commercial": 8.0, "country": 12.0, "open": 8.0}[parameters.area]
+    base_m = {"old_town": 5.5, "town": 6.5, "suburb": 6.5, "commercial": 8.0, "country": 12.0, "open": 8.0}[
+        parameters.area
+    ]
     sharpest = min(math.pi - abs(compute_turn(arm, other)) for arm in arms for other in arms if other is not arm)
     return round(base_m + max(math.pi / 2 - sharpest, 0.0) * SHARP_M, 1)
 

@@ -161,7 +161,7 @@ def test_samples_of_two_versions_never_mix(
     monkeypatch.setattr(collection_settings, "compute_code_checksum", lambda: "sha256:of a later version")
     with pytest.raises(InputError, match="found one with another") as caught:
         collect_here(make_settings(short_suite), folder, 5)
-    assert "generator 1 (now 99)" in str(caught.value) and "code" in str(caught.value)
+    assert "generator 2 (now 99)" in str(caught.value) and "code" in str(caught.value)
 
 
 def test_fresh_starts_anew(short_suite: Path, dataset: Path, tmp_path: Path) -> None:

@@ -16,9 +16,12 @@ from testing.tiny_network import TinyNetwork, save_tiny_weights
 from mdrive_sumo.agents.learned.instructions import VOCABULARY, split_words
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli import main
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.sample_format import DatasetFile, build_training_data_schema
 from mdrive_sumo.learning.sample_reader import TrainingSample, load_arrays, read_samples
 from mdrive_sumo.learning.shard_reading import load_dataset_file
+from mdrive_sumo.learning.training_places import open_training_place
+from mdrive_sumo.worlds.places import PLACE_FILE
 
 pytestmark = pytest.mark.slow
 SCENARIO = "i07*"
@@ -86,7 +89,7 @@ def test_expert_and_learner_take_turns(suite: Path, tmp_path: Path) -> None:
 MISTAKES: dict[str, tuple[tuple[str, ...], str]] = {
     "rig": (("--rig", "vat"), "--rig: expected one of tcp, vad, uniad, lmdrive, found 'vat'; did you mean 'vad'?"),
     "expert": (("--expert", "idm"), "expected one of omniscient, sharing+negotiation, single, found 'idm'"),
-    "split": (("--split", "test"), "--split"),
+    "split": (("--split", "trial"), "--split"),
     "no scenarios": (("--scenarios", "0"), "'--scenarios'"),
     "rate": (("--perturb", "-1"), "'--perturb'"),
     "no number": (("--perturb", "nan"), "'--perturb': expected a number, found 'nan'"),
@@ -132,12 +135,28 @@ def test_ctrl_c_says_how_to_continue(suite: Path, tmp_path: Path, monkeypatch: p
     assert learn_data(tmp_path / "set", "--suite", suite, "--scenarios", 1).exit_code == 0
 
 
-def test_training_scenarios_are_driven_by_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mdrive_sumo.learning.collection.make_executor", LocalExecutor)
-    ended = learn_data(tmp_path / "set", "--scenarios", 1)
-    assert ended.exit_code == 0, ended.output
+def test_a_place_that_was_brought_along_needs_no_netconvert(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("collection", "training_places"):
+        monkeypatch.setattr(f"mdrive_sumo.learning.{module}.make_executor", LocalExecutor)
+    made = learn_data(tmp_path / "set", "--scenarios", 1)
+    assert made.exit_code == 0, made.output
     samples = list(read_samples(tmp_path / "set"))
-    assert samples and {sample.about.network.partition("_")[0] for sample in samples} == {"train"}
+    places = {path.name: json.loads((path / PLACE_FILE).read_text()) for path in (tmp_path / "places").iterdir()}
+    assert samples and {sample.about.network for sample in samples} <= set(places)
+    assert all(about["seed"].startswith("training/train/0/0-") for about in places.values())
+
+    def find_none(*_: object) -> None:
+        raise InputError("netconvert: expected an executable, found none")
+
+    open_training_place.cache_clear()
+    monkeypatch.setattr("mdrive_sumo.worlds.places.recipe.run_netconvert", find_none)
+    brought = learn_data(tmp_path / "elsewhere/set", "--scenarios", 1, "--places", tmp_path / "places")
+    assert brought.exit_code == 0, brought.output
+    shards = [tmp_path / name / "shard-000000.tar" for name in ("set", "elsewhere/set")]
+    assert shards[0].read_bytes() == shards[1].read_bytes()
+    open_training_place.cache_clear()
+    missing = learn_data(tmp_path / "alone/set", "--scenarios", 1)
+    assert missing.exit_code == 2 and "netconvert: expected an executable" in missing.output
 
 
 def test_the_published_schema_is_that_of_the_code() -> None:

@@ -1,5 +1,7 @@
 """Open-loop metrics, kinds of samples, what is held out, and what is said where PyTorch is missing."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -8,7 +10,7 @@ from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning import require_torch as requirements
-from mdrive_sumo.learning.held_out import find_held_out
+from mdrive_sumo.learning.held_out import check_apart, find_held_out
 from mdrive_sumo.learning.plan_metrics import (
     SHARES,
     compute_shares,
@@ -18,6 +20,7 @@ from mdrive_sumo.learning.plan_metrics import (
     name_kinds,
     predict_constant_velocity,
 )
+from mdrive_sumo.learning.sample_format import DATASET_FILE, DatasetFile
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
 
 
@@ -71,20 +74,39 @@ def test_the_description_compares_with_constant_velocity() -> None:
     assert measure_controls(arrays["expert_control"], arrays["expert_control"])["steer"] == 0.0
 
 
-def test_whole_scenarios_are_held_out() -> None:
-    scenario = np.repeat(np.arange(40), 5).astype(np.int32)
+def test_whole_places_are_held_out() -> None:
+    scenario = np.repeat(np.arange(400), 5).astype(np.int32)
     held_out = find_held_out({"scenario": scenario})
-    assert sorted(set(scenario[held_out].tolist())) == [19, 39] and len(held_out) == 10
-    assert find_held_out({"scenario": scenario[:50]}).tolist() == [45, 46, 47, 48, 49], "the last of fewer than 20"
+    assert sorted(set(scenario[held_out].tolist())) == [*range(190, 200), *range(390, 400)] and len(held_out) == 100
+    assert set(scenario[find_held_out({"scenario": scenario[:125]})].tolist()) == set(range(20, 25)), "the last place"
+    assert find_held_out({"scenario": scenario[:50]}).tolist() == [45, 46, 47, 48, 49], "the last scenario of one place"
     with pytest.raises(InputError, match="expected two scenarios or more to hold one out, found fewer; give --val"):
         find_held_out({"scenario": scenario[:5]})
 
 
-def test_a_later_round_holds_out_the_same_scenarios() -> None:
-    first, both = np.arange(40, dtype=np.int32), np.concatenate((np.arange(40), np.arange(60))).astype(np.int32)
+def test_a_later_round_holds_out_the_same_places() -> None:
+    first, both = np.arange(200, dtype=np.int32), np.concatenate((np.arange(200), np.arange(600))).astype(np.int32)
     held_out = set(first[find_held_out({"scenario": first})].tolist())
     trained = set(np.delete(both, find_held_out({"scenario": both})).tolist())
     assert held_out and not held_out & trained
+
+
+def write_about(folder: Path, split: str, seed: int) -> Path:
+    folder.mkdir()
+    about = DatasetFile(
+        program="0", split=split, seed=seed, expert="single", rigs=(), perturbation=1.0, driver="", mix=0.0,
+        round=0, requested=4, samples=0, shards=(),
+    )  # fmt: skip
+    (folder / DATASET_FILE).write_text(about.model_dump_json())
+    return folder
+
+
+def test_what_is_trained_on_does_not_validate(tmp_path: Path) -> None:
+    train, more = write_about(tmp_path / "a", "train", 0), write_about(tmp_path / "b", "train", 1)
+    val = write_about(tmp_path / "val", "val", 0)
+    check_apart([train, more], [val])
+    with pytest.raises(InputError, match=r"--val .*b: expected places that are not trained on, found those of --data"):
+        check_apart([train, more], [val, more])
 
 
 @pytest.mark.parametrize("command", ["train", "export"])

@@ -15,63 +15,76 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.generate.built_in_drive import drive_episode
-from mdrive_sumo.generate.duplicates import find_duplicate
-from mdrive_sumo.generate.network_choice import find_networks, is_for_training, is_hard_tier
-from mdrive_sumo.generate.proposal import EgoVehicle, Proposal
-from mdrive_sumo.learning.training_scenarios import build_training_scenario, list_training_networks
-from mdrive_sumo.learning.training_situations import SITUATIONS
-from mdrive_sumo.roads import find_network_folder, list_packaged_networks, load_road_map
+from mdrive_sumo.learning.sample_format import SCENARIOS_PER_PLACE, SPLITS
+from mdrive_sumo.learning.training_places import KIND_SHARES
+from mdrive_sumo.learning.training_scenarios import (
+    LONGEST_STRETCH,
+    TEMPLATE,
+    TEMPLATE_SHARE,
+    _draw_kind,
+    build_training_scenario,
+)
+from mdrive_sumo.learning.training_situations import CROWD, SITUATIONS
+from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
 from mdrive_sumo.scenario.checks import check_scenario
+from mdrive_sumo.scenario.packaged_suites import list_exact_suites
 from mdrive_sumo.scenario.scenario import Ego, Scenario, load_scenario, save_scenario
 from mdrive_sumo.scenario.scripted_actor import StandingMotion
 from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
-from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import ScoreMode, score_episode
 
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 SEED = 41
-MANY = 150
-"""Enough for every situation, network and weather to occur."""
+MANY = 60
+"""Scenarios at as many places."""
 PRINT_DIGEST = """
-import hashlib
+import hashlib, sys
+from pathlib import Path
 from mdrive_sumo.learning.training_scenarios import build_training_scenario
-made = [build_training_scenario(split, 41, i).model_dump_json() for split in ("train", "val") for i in range(3)]
-print(hashlib.sha256("".join(made).encode()).hexdigest())
+made = [build_training_scenario(split, 41, 0, Path(sys.argv[1]))[0] for split in ("train", "val", "test")]
+print(hashlib.sha256("".join(one.model_dump_json() for one in made).encode()).hexdigest())
 """
 LEAST_RADIUS_M = 4.5
 """Of routes, measured over 3 m; lane changes on short lanes are the sharpest."""
+Built = tuple[Scenario, RoadMap]
 
 
-DIGESTS = {"train": "a4400e6425863434", "val": "80717a15938dc163"}
-"""Of the first 12 scenarios of seed 1: the built-in weights were trained on the drives of such scenarios."""
-
-
-@pytest.mark.parametrize("split", sorted(DIGESTS))
-def test_scenarios_are_those_of_this_version_of_the_generator(split: str) -> None:
-    """Another digest asks for another `VERSION`."""
-    digest = hashlib.blake2b(digest_size=8)
-    for index in range(12):
-        scenario = build_training_scenario(split, 1, index)
-        assert scenario is not None
-        digest.update(scenario.model_dump_json().encode())
-    assert digest.hexdigest() == DIGESTS[split]
+@pytest.fixture(scope="module")
+def places(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of places, which tests fill."""
+    return tmp_path_factory.mktemp("places")
 
 
 @lru_cache
-def built(split: str, count: int) -> tuple[Scenario, ...]:
-    made = [build_training_scenario(split, SEED, index) for index in range(count)]
-    assert all(made)
-    return tuple(scenario for scenario in made if scenario is not None)
+def build(split: str, seed: int, index: int, places: Path) -> Built:
+    made = build_training_scenario(split, seed, index, places)
+    assert made is not None
+    return made
 
 
-def kind_of(scenario: Scenario) -> str:
-    return scenario.id.split("-", 1)[1].rpartition("-")[0]
+@pytest.fixture(scope="module")
+def many(places: Path) -> list[Built]:
+    """Scenarios of the split for training, each at a place of its own."""
+    return [build("train", SEED, SCENARIOS_PER_PLACE * number, places) for number in range(MANY)]
 
 
-@pytest.mark.slow
-def test_another_process_makes_the_same_bytes() -> None:
-    made = [one.model_dump_json() for split in ("train", "val") for one in built(split, 30)[:3]]
+DIGESTS = {"train": "", "val": "", "test": ""}
+"""Of three scenarios of seed 1."""
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_scenarios_are_those_of_this_version_of_the_generator(split: str, places: Path) -> None:
+    """Another digest asks for another `VERSION`."""
+    digest = hashlib.blake2b(digest_size=8)
+    for index in (0, 1, 12):
+        digest.update(build(split, 1, index, places)[0].model_dump_json().encode())
+    assert digest.hexdigest() == DIGESTS[split]
+
+
+def test_another_process_makes_the_same_bytes_in_another_folder(places: Path, tmp_path: Path) -> None:
+    made = [build(split, SEED, 0, places)[0].model_dump_json() for split in SPLITS]
     shown = subprocess.run(
-        [sys.executable, "-c", PRINT_DIGEST],
+        [sys.executable, "-c", PRINT_DIGEST, tmp_path],
         env={**os.environ, "PYTHONHASHSEED": "7"},
         capture_output=True,
         text=True,
@@ -80,47 +93,43 @@ def test_another_process_makes_the_same_bytes() -> None:
     assert shown.stdout.strip() == hashlib.sha256("".join(made).encode()).hexdigest()
 
 
-@pytest.mark.slow
-def test_a_scenario_survives_being_written(tmp_path: Path) -> None:
-    for scenario in built("train", 30)[:5]:
+def test_a_scenario_survives_being_written(many: list[Built], tmp_path: Path) -> None:
+    for scenario, _ in many[:5]:
         save_scenario(scenario, tmp_path / "scenario.json")
         again = load_scenario(tmp_path / "scenario.json")
         assert again.model_dump(exclude={"egos"}) == scenario.model_dump(exclude={"egos"})
         assert [ego.lanes for ego in again.egos] == [ego.lanes for ego in scenario.egos]
 
 
-@pytest.mark.slow
-def test_index_and_seed_matter() -> None:
-    first = built("train", 30)
-    assert len({scenario.id for scenario in first}) == len(first)
-    other = build_training_scenario("train", SEED + 1, 0)
-    assert other is not None
-    assert other.id != first[0].id
+def test_splits_and_seeds_share_neither_places_nor_scenarios(many: list[Built], places: Path) -> None:
+    assert len({scenario.id for scenario, _ in many}) == len({roads.name for _, roads in many}) == len(many)
+    other = [build(split, seed, 0, places) for split in SPLITS for seed in (SEED, SEED + 1)]
+    assert len({roads.checksum for _, roads in other}) == len(other)
+    assert [scenario.id.partition("-")[0] for scenario, _ in other] == [split for split in SPLITS for _ in range(2)]
 
 
-@pytest.mark.slow
-def test_splits_share_neither_networks_nor_scenarios() -> None:
-    train, val = list_training_networks("train"), list_training_networks("val")
-    assert not set(train) & set(val)
-    assert sorted((*train, *val)) == sorted(filter(is_for_training, list_packaged_networks()))
-    assert 2 <= len(val) <= 3
-    for split, names in (("train", train), ("val", val)):
-        assert {scenario.network for scenario in built(split, 30)} <= set(names)
-        assert all(scenario.id.startswith(f"{split}-") for scenario in built(split, 30))
-    assert not {s.id.rpartition("-")[2] for s in built("train", 30)} & {
-        s.id.rpartition("-")[2] for s in built("val", 30)
-    }
+def test_neighbours_are_other_scenarios_at_the_same_place(many: list[Built], places: Path) -> None:
+    scenario, roads = build("train", SEED, 1, places)
+    assert roads == many[0][1] and scenario.network == many[0][0].network and scenario.id != many[0][0].id
 
 
-def test_another_split_is_refused() -> None:
-    with pytest.raises(InputError, match="split: expected train or val, found 'test'"):
-        build_training_scenario("test", 0, 0)
+def test_another_split_is_refused(places: Path) -> None:
+    with pytest.raises(InputError, match="split: expected one of train, val, test, found 'trial'"):
+        build_training_scenario("trial", 0, 0, places)
 
 
-@pytest.mark.slow
-def test_nothing_overlaps_and_routes_are_drivable() -> None:
-    for scenario in built("train", 30):
-        roads = load_road_map(find_network_folder(scenario.network))
+def test_no_suite_has_a_place_for_training(many: list[Built]) -> None:
+    """By the checksum of the compiled network: all that can be driven on is in it."""
+    suites = [path.parent for suite in list_exact_suites().values() for path in suite.glob("networks/*/network.json")]
+    assert len(suites) > 100
+    used = {load_road_map.__wrapped__(folder).checksum for folder in suites[::9]}
+    used |= {load_road_map(folder).checksum for folder in list_packaged_networks().values()}
+    assert not used & {roads.checksum for _, roads in many}
+    assert not {folder.name for folder in suites} & {roads.name for _, roads in many}
+
+
+def test_nothing_overlaps_and_routes_are_drivable(many: list[Built]) -> None:
+    for scenario, roads in many:
         check_scenario(scenario, roads)
         assert not list(find_spawn_overlaps(scenario, roads)), scenario.id
         assert 1 <= len(scenario.egos) <= 6
@@ -129,8 +138,9 @@ def test_nothing_overlaps_and_routes_are_drivable() -> None:
         for actor in scenario.actors:
             at = actor.start
             box = shapely.Polygon(box_corners(at.x, at.y, at.yaw, actor.length, actor.width))
-            inside = isinstance(actor.motion, StandingMotion) and kind_of(scenario) != "template"
-            assert not (inside and any(box.intersects(house) for house in roads.building_shapes)), scenario.id
+            is_prop = isinstance(actor.motion, StandingMotion) and scenario.category in SITUATIONS
+            if is_prop and scenario.category != "crowded":
+                assert not any(box.intersects(house) for house in roads.building_shapes), scenario.id
 
 
 def least_radius(ego: Ego) -> float:
@@ -139,52 +149,60 @@ def least_radius(ego: Ego) -> float:
     return float(3.0 / max(np.abs(yaws[3:] - yaws[:-3]).max(), 1e-9))
 
 
-@pytest.mark.slow
-def test_every_situation_occurs_and_some_cavs_are_alone() -> None:
-    made = built("train", MANY)
-    kinds = Counter(kind_of(scenario) for scenario in made)
-    assert set(kinds) == {*SITUATIONS, "template"}
-    lone = [s for s in made if len(s.egos) == 1 and not s.actors and not s.background.vehicles]
-    assert 0.05 < len(lone) / len(made) < 0.16
-    assert {s.weather for s in made} == {"default", "cloudy", "rain", "night"}
-    assert {s.network for s in made} == set(list_training_networks("train"))
-    assert max(len(s.background.vehicles) for s in made) > 40
+def test_worlds_are_of_many_kinds(many: list[Built]) -> None:
+    made = [scenario for scenario, _ in many]
+    assert {scenario.weather for scenario in made} == {"default", "cloudy", "rain", "night"}
+    assert {scenario.speeds for scenario in made} == {"road", "protocol"}
+    assert {scenario.signals for scenario in made} == {"program", "frozen-green"}
+    assert len({roads.name.rpartition("_")[0] for _, roads in many}) >= 9
+    assert any(not roads.buildings for _, roads in many)
+    fastest = max(roads.lanes[lane].speed_limit for one, roads in many for ego in one.egos for lane in ego.lanes)
+    assert 27.0 < fastest <= 33.34
 
 
-def test_the_shares_of_the_situations_add_up() -> None:
-    assert sum(situation.share for situation in SITUATIONS.values()) == pytest.approx(1.0)
+def test_a_crowded_place_has_its_road_users(many: list[Built]) -> None:
+    crowded = [scenario for scenario, _ in many if scenario.category == "crowded"]
+    assert len(crowded) > 0.1 * len(many)
+    for scenario in crowded:
+        kinds = Counter(actor.kind for actor in scenario.actors)
+        assert CROWD[0] <= sum(kinds.values()) <= CROWD[1]
+        assert kinds["pedestrian"] >= 5 and kinds["vehicle"] >= 5
 
 
-@pytest.mark.slow
-def test_no_packaged_scenario_is_a_duplicate() -> None:
-    packaged = [scenario for suite in ("mdrive@0", "hard@0") for scenario in load_suite(suite).scenarios]
-    assert not any(is_for_training(scenario.network) for scenario in packaged)
-    checksums = [load_road_map(folder).checksum for folder in list_packaged_networks().values()]
-    assert len(set(checksums)) == len(checksums)
-    for scenario in (*built("train", 30)[:10], *built("val", 30)[:5]):
-        assert find_duplicate(scenario, packaged) is None
-        assert find_duplicate(scenario, [*packaged, scenario]) is scenario  # the detector would see one
+def test_cavs_at_road_speed_can_stop_before_others_in_their_lane(many: list[Built]) -> None:
+    for scenario, roads in many:
+        for ego in scenario.egos:
+            limit = roads.lanes[ego.lanes[0]].speed_limit
+            assert ego.start_speed <= (limit if scenario.speeds == "road" else 8.0)
+            standing = [one for one in scenario.actors if isinstance(one.motion, StandingMotion)]
+            route = shapely.LineString(ego.xy)
+            ways = [route.project(shapely.Point(one.start.x, one.start.y)) for one in standing
+                    if route.distance(shapely.Point(one.start.x, one.start.y)) < 0.5]  # fmt: skip
+            assert ego.start_speed**2 <= 2 * 4.0 * max(min(ways, default=1e3) - 2.0, 0.0) or scenario.speeds != "road"
+        assert len(scenario.egos[0].route) <= 230 * LONGEST_STRETCH
 
 
-def test_proposals_for_suites_use_neither_hard_nor_training_networks() -> None:
-    ego = EgoVehicle(vehicle_id="Vehicle 1", maneuver="straight")
-    for topology in ("intersection", "t_junction", "roundabout", "highway", "corridor", "two_lane_corridor"):
-        proposal = Proposal.model_validate({"category": "deadlock", "topology": topology, "ego_vehicles": (ego,)})
-        names = [roads.name for roads in find_networks(proposal)]
-        assert names
-        assert not any(is_for_training(name) or is_hard_tier(name) for name in names)
-    trained = find_networks(proposal, ["train_winding"])
-    assert [roads.name for roads in trained] == ["train_winding"]
+def test_shares_come_near_those_that_are_aimed_at() -> None:
+    """Expected shares over the kinds of places, from the weights themselves."""
+    import random
+
+    rng, found = random.Random(1), Counter[str]()
+    for kind, share in KIND_SHARES.items():
+        drawn = Counter(_draw_kind(kind, rng) for _ in range(400))
+        for name, number in drawn.items():
+            found[name] += share * number / 400  # type: ignore[assignment]
+    aims = {TEMPLATE: TEMPLATE_SHARE, **{name: one.share for name, one in SITUATIONS.items()}}
+    assert sum(aims.values()) == pytest.approx(1.0)
+    assert set(found) == set(aims)
+    for name, aim in aims.items():
+        assert found[name] == pytest.approx(aim, abs=0.05), name
+    assert 0.17 < found["crowded"] < 0.25
 
 
-@pytest.mark.slow
-def test_omniscient_drives_what_is_there() -> None:
-    dense = next(scenario for scenario in built("train", MANY) if kind_of(scenario) == "dense")
-    walkers = next(scenario for scenario in built("train", MANY) if kind_of(scenario) == "walkers")
-    for scenario in (dense, walkers):
-        roads = load_road_map(find_network_folder(scenario.network))
-        episode = drive_episode(scenario, roads, "omniscient")
-        present = {vehicle.id for vehicle in scenario.background.vehicles if vehicle.depart_s == 0.0}
-        there = {id_ for id_, valid in zip(episode.ids, episode.valid[0], strict=True) if valid}
-        assert len(present - there) <= 0.1 * len(present)
-        assert score_episode(episode, scenario, roads, ScoreMode.MDRIVE, 0).ds > 60.0
+def test_omniscient_drives_what_is_there(many: list[Built]) -> None:
+    crowded, roads = next(one for one in many if one[0].category == "crowded")
+    episode = drive_episode(crowded, roads, "omniscient")
+    present = {vehicle.id for vehicle in crowded.background.vehicles if vehicle.depart_s == 0.0}
+    there = {id_ for id_, valid in zip(episode.ids, episode.valid[0], strict=True) if valid}
+    assert len(present - there) <= 0.1 * len(present)
+    assert score_episode(episode, crowded, roads, ScoreMode.MDRIVE, 0).ds > 60.0

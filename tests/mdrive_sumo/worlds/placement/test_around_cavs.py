@@ -19,7 +19,8 @@ from mdrive_sumo.vehicle.dynamics import MKZ_2017
 from mdrive_sumo.worlds.encounters.route_actors import fit_to_lane_width, is_behind_bend
 from mdrive_sumo.worlds.placement.occupancy import locate_departure, select_free_actors
 from mdrive_sumo.worlds.placement.parked_vehicles import build_parked_vehicles
-from mdrive_sumo.worlds.placement.route_cavs import build_route_cavs, draw_start_speeds
+from mdrive_sumo.worlds.placement.route_cavs import build_route_cavs
+from mdrive_sumo.worlds.placement.start_speeds import draw_road_speeds, draw_start_speeds
 from mdrive_sumo.worlds.streams.near_traffic import TrafficRequest, build_near_traffic
 
 CAR = MKZ_2017.length, MKZ_2017.width
@@ -80,7 +81,7 @@ def place_cavs(kind: str, network: str, seed: int) -> tuple[RoadMap, SituationPl
     return roads, plan, build_route_cavs(plan.ways, plan.route_m, roads, rng)
 
 
-@pytest.mark.parametrize("network", ["train_tee", "train_winding"])
+@pytest.mark.parametrize("network", ["side_street", "village_street"])
 def test_a_single_cav_has_a_route_on_its_lanes_within_the_bounds(network: str) -> None:
     for seed in SEEDS:
         _, plan, egos = place_cavs("lone", network, seed)
@@ -95,7 +96,7 @@ def test_a_single_cav_has_a_route_on_its_lanes_within_the_bounds(network: str) -
 
 
 def build_traffic(request: TrafficRequest, seed: int) -> tuple[RoadMap, Ego, tuple[BackgroundVehicle, ...]]:
-    roads, _, egos = place_cavs("lone", "train_corridor", seed)
+    roads, _, egos = place_cavs("lone", "main_street", seed)
     (ego,) = egos.values()
     return roads, ego, build_near_traffic(roads, (ego,), (), request, random.Random(seed))
 
@@ -153,7 +154,7 @@ def test_a_queue_stands_ahead_of_the_first_cav_bumper_to_bumper() -> None:
 
 
 def test_parked_vehicles_stand_at_the_right_edge_of_a_road_and_away_from_its_ends() -> None:
-    roads, _, egos = place_cavs("lone", "train_tee", 1)
+    roads, _, egos = place_cavs("lone", "side_street", 1)
     parked = list(build_parked_vehicles(roads, list(egos.values()), 40, random.Random(3)))
     assert len(parked) == 40
     for one in parked:
@@ -170,7 +171,7 @@ def actor(id_: str, x: float, y: float) -> Actor:
 
 
 def test_actors_need_room_and_parked_ones_leave_the_routes_free() -> None:
-    roads = replace(load("train_winding"), buildings=())
+    roads = replace(load("village_street"), buildings=())
     everything = (
         actor("block", 20.0, 0.5),  # an obstacle may stand in a route, not in another one
         actor("block_2", 21.0, 0.5),
@@ -185,7 +186,7 @@ def test_actors_need_room_and_parked_ones_leave_the_routes_free() -> None:
 
 
 def test_an_obstacle_in_a_narrow_lane_stands_further_right_and_in_a_wide_one_where_it_was() -> None:
-    for network in ("train_crossing_narrow", "train_crossing_wide"):
+    for network in ("old_town", "wide_crossing"):
         roads = load(network)
         lane = max((one for one in roads.driving if not one.junction), key=lambda one: one.centre.length)
         s = lane.centre.length / 2
