@@ -17,6 +17,7 @@ from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.vehicle.dynamics import MKZ_2017
 from mdrive_sumo.worlds.encounters.route_actors import fit_to_lane_width, is_behind_bend
+from mdrive_sumo.worlds.placement.cavs import build_cav
 from mdrive_sumo.worlds.placement.occupancy import locate_departure, select_free_actors
 from mdrive_sumo.worlds.placement.parked_vehicles import build_parked_vehicles
 from mdrive_sumo.worlds.placement.route_cavs import build_route_cavs
@@ -72,6 +73,38 @@ def test_no_cav_starts_with_a_speed_towards_something_or_into_a_bend(
     egos: list[Ego], others: list[shapely.Polygon]
 ) -> None:
     assert moving_share(egos, others) == 0.0
+
+
+def drive_on_road(network: str, others: list[shapely.Polygon], ahead_m: float = 0.0) -> list[tuple[Ego, ...]]:
+    """CAVs on the longest lane of a network, the second so far ahead of the first, with the speeds of many seeds."""
+    roads = load(network)
+    lane = max((one for one in roads.driving if not one.junction), key=lambda one: one.centre.length)
+    cavs = [build_cav(roads, str(k), (lane.id,), (5.0 + k * ahead_m, lane.centre.length - 2.0), 0.0) for k in (0, 1)]
+    return [draw_road_speeds(roads, cavs[: 1 + (ahead_m > 0)], others, random.Random(seed)) for seed in range(60)]
+
+
+def test_at_road_speed_cavs_drive_at_one_share_of_the_limit_or_stand() -> None:
+    speeds = [egos[0].start_speed for egos in drive_on_road("freeway", [])]
+    limit = max(lane.speed_limit for lane in load("freeway").driving)
+    assert 0.1 < sum(speed == 0.0 for speed in speeds) / len(speeds) < 0.4
+    assert all(speed == 0.0 or 0.39 * limit < speed < 0.96 * limit for speed in speeds)
+
+
+@pytest.mark.parametrize("way_m", [6.0, 20.0, 50.0])
+def test_a_cav_at_road_speed_can_stop_before_what_stands_ahead(way_m: float) -> None:
+    """With 3 m/s2, 8 m from its centre: not at all 6 m ahead, from 8.5 m/s 20 m ahead, from 15.9 m/s 50 m ahead."""
+    roads = load("freeway")
+    lane = max((one for one in roads.driving if not one.junction), key=lambda one: one.centre.length)
+    (x, y), yaw = lane.centre.at(5.0 + way_m + 2.0), lane.centre.yaw_at(5.0 + way_m)
+    standing = shapely.Polygon(box_corners(x, y, yaw, 4.0, 1.8))
+    fastest = max(egos[0].start_speed for egos in drive_on_road("freeway", [standing]))
+    assert fastest == pytest.approx({6.0: 0.0, 20.0: 8.49, 50.0: 15.87}[way_m], abs=0.3)
+
+
+def test_a_cav_behind_another_one_drives_no_faster_than_it_may_follow() -> None:
+    for first, second in drive_on_road("freeway", [], ahead_m=14.0):
+        rear_m = 14.0 - CAR[0] / 2
+        assert first.start_speed**2 <= second.start_speed**2 + 6.0 * (rear_m - 8.0) + 0.5
 
 
 def place_cavs(kind: str, network: str, seed: int) -> tuple[RoadMap, SituationPlan, dict[str, Ego]]:
