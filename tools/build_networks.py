@@ -1,6 +1,6 @@
 """Compile the shipped networks from their recipes: `python -m tools.build_networks [NAME...]`.
 
-The recipes of `train_*` are drawn first, from their plans; the others are written by hand (networks/README.md).
+The recipes are written by hand (networks/README.md).
 """
 
 import shutil
@@ -11,8 +11,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.roads import find_network_folder, list_packaged_networks
-from mdrive_sumo.worlds.places.recipe import build_draft, build_network
-from mdrive_sumo.worlds.places.training_presets import TRAINING_PLANS, draw_training_network
+from mdrive_sumo.worlds.places.recipe import build_network
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
 
@@ -25,10 +24,7 @@ def main(names: Sequence[str], dry_run: bool) -> None:
     for folder in folders:
         with tempfile.TemporaryDirectory() as scratch:
             built = Path(scratch, folder.name)
-            if folder.name in TRAINING_PLANS:
-                build_draft(draw_training_network(folder.name), built)
-            else:
-                build_network(Path(shutil.copytree(folder, built)))
+            build_network(Path(shutil.copytree(folder, built)))
             replace_changed_files(built, folder, dry_run=dry_run)
 
 

@@ -7,8 +7,8 @@ from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
 from mdrive_sumo.worlds.network_features import NetworkFeatures, extract_features
 
-HARD_TIER_PREFIX, TRAINING_PREFIX = "hard_", "train_"
-"""Names of networks of the hard tier and of those for training begin so; the other suites' proposals use neither."""
+HARD_TIER_PREFIX = "hard_"
+"""Names of networks of the hard tier begin so; the other suites' proposals use none of them."""
 
 
 def is_hard_tier(network: str) -> bool:
@@ -16,16 +16,11 @@ def is_hard_tier(network: str) -> bool:
     return network.startswith(HARD_TIER_PREFIX)
 
 
-def is_for_training(network: str) -> bool:
-    """Return whether a packaged network serves training only."""
-    return network.startswith(TRAINING_PREFIX)
-
-
 def find_networks(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMap, ...]:
     """Return the networks that meet the proposal's requirements: of those named, else of all packaged ones but the hard
-    tier's and those for training. Raises InputError if there is none."""
+    tier's. Raises InputError if there is none."""
     folders = list_packaged_networks()
-    chosen = names or [name for name in folders if not (is_hard_tier(name) or is_for_training(name))]
+    chosen = names or [name for name in folders if not is_hard_tier(name)]
     maps = [load_road_map(folders[name]) for name in sorted(chosen)]
     fitting = tuple(roads for roads in maps if is_suitable(extract_features(roads), proposal))
     if not fitting:

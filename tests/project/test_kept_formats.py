@@ -70,7 +70,7 @@ READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
     "suite/1": (lambda: load_suite(str(KEPT / "suite")).name, "suite"),
     "scenario/1": (lambda: len(load_scenario(KEPT / "suite/small/scenario.json").background.vehicles), 2),
     "network/1": (lambda: read_network_file(KEPT / "suite/networks/small").name, "small"),
-    "place/1": (lambda: read_place(KEPT).name, "train_tee"),
+    "place/1": (lambda: read_place(KEPT).name, "side_street"),
     "quality/1": (lambda: load_quality(KEPT / "suite/small/quality.json").by_sumo, 2),
     "recipe/1": (lambda: load_recipe(KEPT / "recipe.json").id, "construction_03"),
     "hard-recipe/2": (

@@ -17,7 +17,6 @@ from mdrive_sumo.worlds.places.place_parameters import Value
 from mdrive_sumo.worlds.places.residential_street import RESIDENTIAL_STREET
 from mdrive_sumo.worlds.places.roundabout import ROUNDABOUT
 from mdrive_sumo.worlds.places.town_block import TOWN_BLOCK
-from mdrive_sumo.worlds.places.training_presets import TRAINING_PLANS, draw_training_network
 from mdrive_sumo.worlds.places.works_zone import WORKS_ZONE
 
 JUNCTION_KINDS = (CROSSING, ROUNDABOUT, TOWN_BLOCK, CAR_PARK, DRIVEWAYS)
@@ -39,5 +38,4 @@ def draw_place(kind: str, seed: int | str = 0, **parameters: Value) -> Place:
     if parameters:
         unused = next(iter(parameters))
         raise InputError(f"place {kind!r}: expected no parameters for a packaged network, found {unused!r}")
-    draft = draw_training_network(kind) if kind in TRAINING_PLANS else None
-    return Place(kind, kind, seed, {}, read_network_file(presets[kind]).description, draft)
+    return Place(kind, kind, seed, {}, read_network_file(presets[kind]).description, None)

@@ -1,75 +1,18 @@
-"""Training networks around one junction: arms with drawn angles, bends and lanes; with and without lights."""
+"""Roundabouts: the ring, and arms that part around splitter islands."""
 
 import math
-import random
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.worlds.places.network_draft import NetworkDraft, Node, Street
-from mdrive_sumo.worlds.places.street_lines import draw_arm, trace_line
 
 FLARE_M = 24.0
 """[m] From the ring to where the lanes of an arm part around its splitter island."""
 ARM_STEP_M = 6.0
 """[m] Distance of points on the part of an arm that parts around the island."""
-COMPASS = ("east", "north", "west", "south")
-
-
-@dataclass(frozen=True, slots=True)
-class JunctionPlan:
-    """How a junction and its arms look."""
-
-    angles_deg: tuple[float, ...]
-    """Directions of the arms, counter-clockwise; one that is negative stands for an arm that there is not."""
-    lanes: tuple[tuple[int, int], ...]
-    """Lanes into the junction and out of it, by arm."""
-    type: str = "right_before_left"
-    radius: float = 5.0
-    speed: float = 8.33
-    main: tuple[int, ...] = ()
-    """Arms with priority."""
-    length_m: float = 100.0
-    bend: float = 0.0
-    """Share of arms with a bend."""
-    jitter_deg: float = 4.0
-    sidewalk_m: float = 1.5
-    zebras: bool = False
-
-
-def build_junction(draft: NetworkDraft, plan: JunctionPlan, rng: random.Random) -> list[str]:
-    """Add a junction with its arms to the draft; return the ids of the arms."""
-    draft.nodes.append(Node("x", 0.0, 0.0, plan.type, plan.radius))
-    arms: list[str] = []
-    for k, (angle, lanes) in enumerate(zip(plan.angles_deg, plan.lanes, strict=True)):
-        heading = math.radians(angle + rng.uniform(-plan.jitter_deg, plan.jitter_deg))
-        line = trace_line((0.0, 0.0), heading, draw_arm(rng, plan.length_m * rng.uniform(0.9, 1.15), plan.bend))
-        arm = COMPASS[round(angle / 90) % 4]
-        draft.nodes.append(Node(arm, float(line[-1, 0]), float(line[-1, 1])))
-        priority = 6 if k in plan.main else 3
-        draft.streets.append(Street(arm, arm, "x", line[::-1], lanes, plan.speed, priority, sidewalk_m=plan.sidewalk_m))
-        if plan.zebras:
-            draft.crossings.append(("x", f"{arm}_in {arm}_out"))
-        arms.append(arm)
-    if plan.type == "priority_stop":
-        draft.stops += [f"{arm}_in" for k, arm in enumerate(arms) if k not in plan.main]
-    return arms
-
-
-def add_turn_lane_connections(draft: NetworkDraft, arms: Sequence[str], lanes: Sequence[tuple[int, int]]) -> None:
-    """Connect arms (counter-clockwise, each with a left-turn lane) explicitly: right and straight, straight, left."""
-    first = 1 if draft.streets[-1].sidewalk_m else 0
-    for k, arm in enumerate(arms):
-        inside = lanes[k][0]
-        right, ahead, left = ((k + 1) % 4, (k + 2) % 4, (k + 3) % 4)
-        moves = [(0, right, 0)]
-        moves += [(i, ahead, min(i, lanes[ahead][1] - 1)) for i in range(inside - 1)]
-        moves += [(inside - 1, left, lanes[left][1] - 1)]
-        for lane, target, to_lane in moves:
-            draft.connections.append((f"{arm}_in", first + lane, f"{arms[target]}_out", first + to_lane))
 
 
 def build_roundabout(

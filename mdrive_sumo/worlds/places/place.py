@@ -43,7 +43,7 @@ class Place:
     parameters: Mapping[str, Value]
     description: str
     draft: NetworkDraft | None
-    """None for a packaged network that was made by hand."""
+    """None for a packaged network."""
 
 
 def draw_place_of_kind(kind: PlaceKind, seed: int | str, given: Mapping[str, Value]) -> Place:

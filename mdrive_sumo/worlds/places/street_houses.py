@@ -1,7 +1,5 @@
 """Rows of houses along the streets of a draft: with gaps, at a given distance from the road."""
 
-import random
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,21 +25,6 @@ class HouseRows:
     """Share of the places that are built on."""
 
 
-def add_houses(draft: NetworkDraft, rows: HouseRows, rng: random.Random) -> None:
-    """Add houses that overlap neither the road nor each other."""
-    road = shapely.union_all([build_surface(draft, street) for street in draft.streets])
-    built: list[shapely.Polygon] = []
-    for street in draft.streets:
-        for side in (1, -1):
-            for outline in _draw_row(draft, street, side, rows, rng):
-                house = shapely.Polygon(outline)
-                if house.distance(road) >= rows.setback_m[0] - 0.05 and all(
-                    house.distance(other) > 1.0 for other in built
-                ):
-                    built.append(house)
-                    draft.buildings.append(outline)
-
-
 def measure_half_widths(draft: NetworkDraft, street: Street) -> tuple[float, float]:
     """Return the distance [m] from the line to the edge of the road on its left and on its right."""
     forward, backward = street.lanes
@@ -61,19 +44,6 @@ def build_surface(draft: NetworkDraft, street: Street) -> shapely.Geometry:
     sides = [line.buffer(left, single_sided=True), line.buffer(-right, single_sided=True)]
     ends = [shapely.Point(end).buffer(max(left, right)) for end in (street.line[0], street.line[-1])]
     return shapely.union_all([*sides, *ends])
-
-
-def _draw_row(draft: NetworkDraft, street: Street, side: int, rows: HouseRows, rng: random.Random) -> Iterator[Float]:
-    """Return the outlines of one row; its houses may overlap others."""
-    line = shapely.LineString(street.line)
-    half = measure_half_widths(draft, street)[0 if side > 0 else 1]
-    station = rng.uniform(*rows.gap_m)
-    while station < line.length - 6.0:
-        length, depth = rng.uniform(*rows.size_m), rng.uniform(*rows.depth_m)
-        if rng.random() < rows.share:
-            near = half + rng.uniform(*rows.setback_m)
-            yield build_house(line, (station, min(length, line.length - station)), side * near, side * (near + depth))
-        station += length + rng.uniform(*rows.gap_m)
 
 
 def build_house(line: shapely.LineString, along: tuple[float, float], near: float, far: float) -> Float:

@@ -96,5 +96,5 @@ def test_buildings_are_simple_and_beside_the_road(roads: RoadMap) -> None:
 def test_stop_signs_stand_on_lanes(roads: RoadMap) -> None:
     for sign in roads.stop_signs or ():
         assert sign.length_m < sign.line_pos_m <= roads.lanes[sign.lane].centre.length
-    with_signs = {"minor_road", "side_street", "factory_gate", "train_tee", "train_val_street"}
+    with_signs = {"minor_road", "side_street", "factory_gate"}
     assert (roads.name in with_signs) == bool(roads.stop_signs)

@@ -32,11 +32,11 @@ def test_a_given_parameter_leaves_the_others_as_they_are() -> None:
 
 
 def test_a_packaged_network_is_a_place_by_its_name(tmp_path: Path) -> None:
-    folder = write_place(draw_place("train_tee"), tmp_path / "train_tee")
-    packaged = find_network_folder("train_tee")
+    folder = write_place(draw_place("side_street"), tmp_path / "side_street")
+    packaged = find_network_folder("side_street")
     for name in ("map.net.xml.gz", "network.json"):
         assert (folder / name).read_bytes() == (packaged / name).read_bytes()
-    assert read_place(folder).name == "train_tee"
+    assert read_place(folder).name == "side_street"
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_bad_input_is_named(kind: str, parameters: dict[str, int], expected: str
     ],
 )
 def test_a_bad_place_file_is_named(tmp_path: Path, change: dict[str, object], expected: str) -> None:
-    folder = write_place(draw_place("train_tee"), tmp_path / "place")
+    folder = write_place(draw_place("side_street"), tmp_path / "place")
     text = json.loads((folder / PLACE_FILE).read_text())
     (folder / PLACE_FILE).write_text(json.dumps({**text, **change}))
     with pytest.raises(InputError, match=expected):
