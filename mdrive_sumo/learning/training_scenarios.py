@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
 import shapely
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.network_choice import is_suitable
 from mdrive_sumo.generate.pipeline import build_scenario
@@ -62,6 +64,8 @@ ROAD_SPEED_SHARE, FAST_ROAD_SPEED_SHARE = 0.4, 0.85
 the protocol, only few drive there. Templates and crowded places have the speed of the protocol. Chosen."""
 LONGEST_STRETCH = 4.0
 """Factor on lengths for CAVs at 32 m/s: the ways of motorways have half a kilometre or more."""
+LEAST_RADIUS_M, BEND_M = 4.5, 3
+"""[m] Least radius of a route, and the length over which it is measured; lane changes on short lanes are sharpest."""
 SIGNALS_SHARE = 0.6
 """Share of scenarios at places with lights in which these run; at rest they are green, as in the paper's suites."""
 CROWD_PEOPLE = (0.25, 0.75)
@@ -139,9 +143,23 @@ def _build_sound(stage: _Stage, rng: random.Random) -> Scenario:
     if any(lane.lights for lane in stage.roads.driving) and rng.random() < SIGNALS_SHARE:
         scenario = scenario.model_copy(update={"signals": "program"})
     check_scenario(scenario, stage.roads)
+    for ego in scenario.egos:
+        _check_bends(ego)
     if overlap := next(find_spawn_overlaps(scenario, stage.roads), None):
         raise InputError(f"scenario {scenario.id}: {overlap}")
     return scenario
+
+
+def _check_bends(ego: Ego) -> None:
+    """Check that a car can follow a route. Raises InputError for one that jumps aside, as where netconvert leads the
+    right lane of a motorway onto the deceleration lane within a few metres."""
+    hops = np.diff(ego.xy, axis=0)
+    yaws = portable.atan2(hops[:, 1], hops[:, 0])
+    turned = [abs(wrap_angle(angle)) for angle in (yaws[BEND_M:] - yaws[:-BEND_M]).tolist()]
+    if max(turned, default=0.0) > BEND_M / LEAST_RADIUS_M:
+        raise InputError(
+            f"CAV {ego.id}: expected a route of bends of {LEAST_RADIUS_M:g} m or more, found a sharper one"
+        )
 
 
 def _build_from_template(stage: _Stage, rng: random.Random) -> Scenario:

@@ -204,5 +204,5 @@ def test_omniscient_drives_what_is_there(many: list[Built]) -> None:
     episode = drive_episode(crowded, roads, "omniscient")
     present = {vehicle.id for vehicle in crowded.background.vehicles if vehicle.depart_s == 0.0}
     there = {id_ for id_, valid in zip(episode.ids, episode.valid[0], strict=True) if valid}
-    assert len(present - there) <= 0.1 * len(present)
+    assert len(present - there) <= 1 < len(present)
     assert score_episode(episode, crowded, roads, ScoreMode.MDRIVE, 0).ds > 60.0

@@ -31,7 +31,7 @@ def test_the_largest_network_has_a_scene() -> None:
 
 
 def test_a_scene_does_not_depend_on_what_it_is_rounded_relative_to(monkeypatch: pytest.MonkeyPatch) -> None:
-    roads = load_road_map(find_network_folder("side_street"))
+    roads = load_road_map(find_network_folder("hard_weave"))
     expected = load_static_scene.__wrapped__(roads)
     monkeypatch.setattr(static_scene, "GRID_M", 16.0)  # the scene's origin lies some of them away
     found = load_static_scene.__wrapped__(roads)
