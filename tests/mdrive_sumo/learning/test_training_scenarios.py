@@ -68,7 +68,7 @@ def many(places: Path) -> list[Built]:
     return [build("train", SEED, SCENARIOS_PER_PLACE * number, places) for number in NUMBERS]
 
 
-DIGESTS = {"train": "9a8496f9d5e0d108", "val": "b7bab868affb1648", "test": "f96d5e0e4caad838"}
+DIGESTS = {"train": "9a8496f9d5e0d108", "val": "593946b5ec8d81cb", "test": "f96d5e0e4caad838"}
 """Of two scenarios of seed 1."""
 
 
