@@ -72,11 +72,7 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
         "not_transmitted": sorted(NOT_TRANSMITTED),
         "link_classes": [LINK_NAMES[link_class] for link_class in LinkClass],
         "terms": terms,
-        "problems": [
-            (row.row, problem)
-            for row in rows
-            if not row.is_dropped and (problem := find_problem(row.message)) is not None
-        ],
+        "problems": _list_problems(rows),
         "texts": _list_texts(rows),
     }
     heads = [(types.index(m.type), column[m.sender], m.tick, len(m.payload)) for m in (row.message for row in rows)]
@@ -94,6 +90,12 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
         "mcms": _make_table((_encode_mcm(row, term_of[row.row]) for row in mcms), 9),
         "mcm_points": _tabulate_points(mcms, origin),
     }
+
+
+def _list_problems(rows: Sequence[_MessageRow]) -> list[tuple[int, str]]:
+    """Return by row what is wrong with malformed messages."""
+    known = ((row.row, find_problem(row.message)) for row in rows if not row.is_dropped)
+    return [(row, problem) for row, problem in known if problem is not None]
 
 
 def _list_texts(rows: Sequence[_MessageRow]) -> list[tuple[int, str]]:
