@@ -7,14 +7,17 @@ that is still free; the precision is interpolated at all points (VOC 2010).
 from dataclasses import dataclass, field
 
 import numpy as np
-import shapely
+import numpy.typing as npt
 
 from mdrive_sumo.contract import Detections
-from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Float, boxes_corners
+from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.perception.box_iou import compute_ious
 
 MIN_IOU = 0.5
 """Intersection over union at which a detection counts (paper)."""
+SCORE_STEPS = 1000
+"""Scores are compared in thousandths."""
+Array = npt.NDArray[np.generic]
 
 
 @dataclass
@@ -42,29 +45,28 @@ class DetectionCounts:
 def match_frame(detections: Detections, truth: Float) -> DetectionCounts:
     """Return the counts of one frame; truth: ground-truth boxes (M, 5), as `Detections.boxes`."""
     order = np.argsort(-detections.scores, kind="stable")
-    overlap = compute_overlaps(detections.boxes[order], truth)
+    matches = match_boxes(compute_ious(detections.boxes[order], truth), MIN_IOU)
     counts = DetectionCounts(len(truth))
-    for row, score in enumerate(detections.scores[order].tolist()):
-        best = int(overlap[row].argmax()) if len(truth) else -1
-        is_true = best >= 0 and bool(overlap[row, best] >= MIN_IOU)
-        if is_true:
-            overlap[:, best] = -1.0  # found once
-        key = round(1000 * score)
+    for match, score in zip(matches.tolist(), detections.scores[order].tolist(), strict=True):
+        key = round(SCORE_STEPS * score)
         true, count = counts.by_score.get(key, (0, 0))
-        counts.by_score[key] = true + is_true, count + 1
+        counts.by_score[key] = true + (match >= 0), count + 1
     return counts
 
 
-def compute_overlaps(first: Float, second: Float) -> Float:
-    """Return the intersection over union (N, M) of oriented boxes (N, 5) and (M, 5)."""
-    reach = [portable.hypot(boxes[:, 3], boxes[:, 4]) / 2 for boxes in (first, second)]
-    apart = first[:, None, :2] - second[None, :, :2]
-    rows, columns = np.nonzero(portable.hypot(apart[..., 0], apart[..., 1]) < reach[0][:, None] + reach[1])
-    own, other = (shapely.polygons(boxes_corners(*boxes.T)) for boxes in (first[rows], second[columns]))
-    common = np.zeros((len(first), len(second)))
-    common[rows, columns] = shapely.area(shapely.intersection(own, other))
-    areas = [boxes[:, 3] * boxes[:, 4] for boxes in (first, second)]
-    return common / (areas[0][:, None] + areas[1] - common)
+def match_boxes(overlap: Float, min_iou: float) -> Int:
+    """Return the row of the ground-truth box of each detection (N,), -1: none; the most certain ones come first.
+
+    overlap: (N, M) intersection over union. A box is found once: by the first detection whose best free one it is.
+    """
+    free = overlap.copy()
+    matches = np.full(len(free), -1, dtype=np.int64)
+    for row in range(len(free) if free.shape[1] else 0):
+        best = int(free[row].argmax())
+        if free[row, best] >= min_iou:
+            free[:, best] = -1.0
+            matches[row] = best
+    return matches
 
 
 def compute_average_precision(counts: DetectionCounts) -> float | None:
@@ -74,8 +76,17 @@ def compute_average_precision(counts: DetectionCounts) -> float | None:
     """
     if not counts.truths:
         return None
-    steps = [counts.by_score[score] for score in sorted(counts.by_score, reverse=True)]
-    true, accepted = (np.cumsum([step[i] for step in steps]) for i in (0, 1))
-    recall = np.concatenate(((0.0,), true / counts.truths))
-    best_after = np.maximum.accumulate((true / accepted)[::-1])[::-1]
-    return float((np.diff(recall) * best_after).sum())
+    steps = np.array([counts.by_score[score] for score in sorted(counts.by_score, reverse=True)]).reshape(-1, 2)
+    return float(integrate_precision(steps[:, 0], steps[:, 1], np.array(counts.truths)))
+
+
+def integrate_precision(true: Array, found: Array, truths: Array) -> Float:
+    """Return the areas (...) under interpolated curves of precision over recall; 0 without ground truth.
+
+    true, found: (..., K) true detections and all detections of each score, the highest score first. truths: (...).
+    """
+    all_true, all_found = np.cumsum(true, axis=-1), np.cumsum(found, axis=-1)
+    recall = all_true / np.maximum(truths, 1)[..., None]
+    precision = all_true / np.maximum(all_found, 1)
+    best_after = np.maximum.accumulate(precision[..., ::-1], axis=-1)[..., ::-1]
+    return np.asarray((np.diff(recall, axis=-1, prepend=0.0) * best_after).sum(axis=-1))

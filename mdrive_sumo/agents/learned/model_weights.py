@@ -5,6 +5,7 @@ pydantic and ONNX Runtime are imported when weights are loaded, so that other co
 
 import hashlib
 import importlib.util
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -53,27 +54,41 @@ def load_network(spec: SystemSpec, path: Path | None = None, use_gpu: bool = Tru
     use_gpu: run on a GPU if the installed ONNX Runtime can. Raises InputError with one sentence if the extra, a file
     or its match with the system is missing.
     """
+    file = (path or WEIGHTS_FOLDER / f"{spec.name}.onnx").with_suffix(".onnx")
+    return _open_network(spec, file, read_checked_manifest(file, spec.name), use_gpu)
+
+
+def read_checked_manifest(file: Path, system: str) -> "WeightsManifest":
+    """Return the manifest of a .onnx file. Raises InputError as `load_network`, also for weights of another system."""
     if importlib.util.find_spec("onnxruntime") is None:
         raise InputError(
-            f"agent {spec.name}: expected ONNX Runtime to run its network, found none installed;"
+            f"agent {system}: expected ONNX Runtime to run its network, found none installed;"
             f" {format_installation('learned')}"
         )
     from mdrive_sumo.agents.learned.weights_manifest import read_manifest
 
-    file = (path or WEIGHTS_FOLDER / f"{spec.name}.onnx").with_suffix(".onnx")
     manifest = read_manifest(file.with_suffix(".json"))
-    if manifest.system != spec.name:
-        raise InputError(f"weights {file}: expected those of the system {spec.name!r}, found {manifest.system!r}")
+    if manifest.system != system:
+        raise InputError(f"weights {file}: expected those of the system {system!r}, found {manifest.system!r}")
     _read_weights(file, manifest)  # also if it is loaded already: the file may have been replaced
-    return _open_network(spec, file, manifest, use_gpu)
+    return manifest
 
 
 @lru_cache(maxsize=CACHED_NETWORKS)
 def _open_network(spec: SystemSpec, file: Path, manifest: "WeightsManifest", use_gpu: bool) -> DrivingNetwork:
     """Return the network; the manifest is part of the key, so new weights under an old name are loaded anew."""
-    content = _read_weights(file, manifest)
-    provider, session = _create_session(file, content, use_gpu)
-    _check_arrays(file, session, spec, manifest.memory_shape)
+    memory_shape = manifest.memory_shape
+    inputs = {name: f"{kind} {[1, *shape]}" for name, (shape, kind) in describe_inputs(spec, memory_shape).items()}
+    outputs = {name: f"float32 {[1, *shape]}" for name, shape in describe_outputs(spec, memory_shape).items()}
+    return open_weights(file, manifest, inputs, outputs, use_gpu)
+
+
+def open_weights(
+    file: Path, manifest: "WeightsManifest", inputs: Mapping[str, str], outputs: Mapping[str, str], use_gpu: bool
+) -> DrivingNetwork:
+    """Return a network. inputs, outputs: dtype and shape that it must have, as texts, by name. Raises InputError."""
+    provider, session = _create_session(file, _read_weights(file, manifest), use_gpu)
+    _check_arrays(file, session, manifest.system, {"input": inputs, "output": outputs})
     return DrivingNetwork(manifest, provider, session)
 
 
@@ -118,22 +133,16 @@ def _create_session(file: Path, content: bytes, use_gpu: bool) -> tuple[str, Any
     return session.get_providers()[0], session
 
 
-def _check_arrays(file: Path, session: Any, spec: SystemSpec, memory_shape: tuple[int, ...]) -> None:
+def _check_arrays(file: Path, session: Any, system: str, arrays: Mapping[str, Mapping[str, str]]) -> None:
     """Raise InputError unless the network has the inputs and outputs of its system."""
-    expected_inputs = {
-        name: f"{type_name} {[1, *shape]}" for name, (shape, type_name) in describe_inputs(spec, memory_shape).items()
-    }
-    expected_outputs = {name: f"float32 {[1, *shape]}" for name, shape in describe_outputs(spec, memory_shape).items()}
-    for what, arrays, expected in (
-        ("input", session.get_inputs(), expected_inputs),
-        ("output", session.get_outputs(), expected_outputs),
-    ):
-        found = {array.name: f"{_name_type(array.type)} {list(array.shape)}" for array in arrays}
+    for what, of_network in (("input", session.get_inputs()), ("output", session.get_outputs())):
+        expected = arrays[what]
+        found = {array.name: f"{_name_type(array.type)} {list(array.shape)}" for array in of_network}
         for name in sorted({*expected, *found}):
             wanted, has = expected.get(name, "none"), found.get(name, "none")
             if wanted != has:
                 raise InputError(
-                    f"weights {file}: {what} {name!r}: expected {wanted} of the system {spec.name}, found {has};"
+                    f"weights {file}: {what} {name!r}: expected {wanted} of the system {system}, found {has};"
                     " export it again with this version of mdrive-sumo"
                 )
 

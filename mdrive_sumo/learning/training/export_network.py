@@ -76,7 +76,7 @@ def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None =
     network = build_network(checkpoint.system)
     take_weights(network, checkpoint.average, checkpoint.system)
     network.eval()
-    halved = _halve_weights(network)
+    halved = halve_weights(network)
     make_folder(folder)
     path = folder / f"{checkpoint.system}.onnx"
     samples = [_take_sample(spec, build_synthetic_arrays(spec, 1, seed=i), 0) for i in range(CHECKED_SAMPLES)]
@@ -84,16 +84,16 @@ def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None =
         rows = np.linspace(0, len(arrays["own"]) - 1, CHECKED_REAL_SAMPLES).astype(int)
         samples += [_take_sample(spec, arrays, row) for row in rows.tolist()]
     inputs, outputs = list(samples[0]), list(describe_outputs(spec))
-    _write_onnx(_Positional(halved, inputs, outputs).eval(), samples[0], outputs, path)
-    difference = _find_largest(_compare(halved, path, sample) for sample in samples)
-    rounding = _find_largest(_compare(network, path, sample) for sample in samples)
+    write_onnx(_Positional(halved, inputs, outputs).eval(), samples[0], outputs, path)
+    difference = find_largest(_compare(halved, path, sample) for sample in samples)
+    rounding = find_largest(_compare(network, path, sample) for sample in samples)
     _check(path, difference)
     manifest = _build_manifest(checkpoint, path, network, samples[0])
     write_manifest(manifest, path.with_suffix(".json"))
     return ExportedNetwork(path, path.with_suffix(".json"), difference, rounding)
 
 
-def _halve_weights(network: nn.Module) -> nn.Module:
+def halve_weights(network: nn.Module) -> nn.Module:
     """Return a copy with all numbers rounded to half precision, as the file holds them; it computes in single.
 
     Normalisation is folded into the convolutions first, as the exporter would do after rounding.
@@ -127,13 +127,23 @@ def _take_sample(spec: SystemSpec, arrays: Arrays, row: int) -> dict[str, Tensor
     }
 
 
-def _write_onnx(network: nn.Module, sample: Mapping[str, Tensor], outputs: list[str], path: Path) -> None:
+def write_onnx(
+    network: nn.Module,
+    sample: Mapping[str, Tensor],
+    outputs: list[str],
+    path: Path,
+    any_length: Mapping[str, Mapping[int, str]] | None = None,
+) -> None:
+    """Write a network with positional inputs as ONNX, its constants in half precision.
+
+    sample: an input of each name, in order. any_length: names of the axes of inputs that may have any length.
+    """
     with warnings.catch_warnings():
         # The exporter that needs nothing but `onnx` is the older one, and says so; tracing tells of constant shapes.
         warnings.simplefilter("ignore")
         torch.onnx.export(
             network, tuple(sample.values()), str(path), dynamo=False, opset_version=OPSET,
-            input_names=list(sample), output_names=outputs,
+            input_names=list(sample), output_names=outputs, dynamic_axes=any_length,
         )  # fmt: skip
     model = onnx.load(str(path))
     store_half(model)
@@ -171,10 +181,10 @@ def _compare(network: nn.Module, path: Path, sample: Mapping[str, Tensor]) -> fl
         expected = network(dict(sample))
     found = run_onnx(path, {name: each.numpy() for name, each in sample.items()})
     names = [name for name in ("plan", "control") if name in expected]
-    return _find_largest(float(np.abs(found[i] - expected[name].numpy()).max()) for i, name in enumerate(names))
+    return find_largest(float(np.abs(found[i] - expected[name].numpy()).max()) for i, name in enumerate(names))
 
 
-def _find_largest(differences: Iterable[float]) -> float:
+def find_largest(differences: Iterable[float]) -> float:
     """Return the largest number; NaN if one is none, which `max` would pass over."""
     return float(np.max(list(differences)))
 

@@ -52,7 +52,12 @@ class Trainer:
     """Network, its average, optimiser and random numbers of one run."""
 
     def __init__(
-        self, system: str, options: TrainingOptions, device: torch.device, report: Callable[[str], object] = str
+        self,
+        system: str,
+        options: TrainingOptions,
+        device: torch.device,
+        report: Callable[[str], object] = str,
+        build: Callable[[str], nn.Module] = build_network,
     ) -> None:
         """Build a network with fresh weights. report: receives a line of progress now and then."""
         torch.manual_seed(options.seed)
@@ -60,7 +65,7 @@ class Trainer:
         self.options = options
         self.device = device
         self._report = report
-        self.network = build_network(system).to(device, memory_format=torch.channels_last)
+        self.network = build(system).to(device, memory_format=torch.channels_last)
         self.average = MovingAverage(self.network, options.average_decay)
         self.optimizer = torch.optim.AdamW(
             self.network.parameters(),
@@ -102,14 +107,14 @@ class Trainer:
 
     def train(
         self,
-        data: TrainingData,
+        data: Any,
         shares: npt.NDArray[np.float64],
         folder: Path,
         glance: Callable[[nn.Module], Mapping[str, float]] | None = None,
     ) -> dict[str, float]:
         """Train until the steps or the minutes are used up; returns the last losses.
 
-        shares: (M,) how often each sample is drawn, 0: never. glance: measures the averaged network, GLANCES times.
+        data: what `_compute_losses` takes samples from, `TrainingData` here. shares: (M,) how often each sample is drawn, 0: never. glance: measures the averaged network, GLANCES times.
         Raises InputError when the loss is no number; the last checkpoint stays. Raises KeyboardInterrupt after Ctrl-C,
         with a new checkpoint. The first step does not count as time.
         """
@@ -159,7 +164,7 @@ class Trainer:
         self.save(folder)
         return losses
 
-    def _take_step(self, data: TrainingData, drawn: Tensor, progress: float) -> Mapping[str, Tensor]:
+    def _take_step(self, data: Any, drawn: Tensor, progress: float) -> Mapping[str, Tensor]:
         for group in self.optimizer.param_groups:
             group["lr"] = self.options.find_learning_rate(self.step, progress)
         rows = torch.multinomial(drawn, self.options.batch, replacement=True, generator=self.generator)
@@ -171,7 +176,9 @@ class Trainer:
         self.average.update(self.step)
         return parts
 
-    def _compute_losses(self, data: TrainingData, rows: Tensor) -> Mapping[str, Tensor]:
+    def _compute_losses(self, data: Any, rows: Tensor) -> Mapping[str, Tensor]:
+        """Return the parts of the loss of the samples `rows` and their `total`; other trainers replace it."""
+        assert isinstance(data, TrainingData)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.device.type == "cuda"):
             inputs = augment_inputs(data.spec, data.take_inputs(rows), self.generator)

@@ -1,0 +1,83 @@
+"""The point grid: a LiDAR scan as counts of points by height layer and cell.
+
+A scan is kept and sent as its occupied cells, one number each: the index of the cell times 256 plus its count. The
+index counts layers, then rows, then columns.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.agents.learned.fusion_spec import (
+    GRID_CELL_M,
+    GRID_CELLS,
+    GRID_LAYERS,
+    GRID_REACH_M,
+    LAYER_EDGES_M,
+    MAX_COUNT,
+)
+from mdrive_sumo.agents.learned.network_inputs import LIDAR_HEIGHT_M
+from mdrive_sumo.core import portable
+
+Cells = npt.NDArray[np.uint32]
+"""(K,) occupied cells, in ascending order."""
+GRID_SIZE = GRID_LAYERS * GRID_CELLS * GRID_CELLS
+"""Number of cells in all layers."""
+
+
+def build_point_cells(points: npt.NDArray[np.float32]) -> Cells:
+    """Return the occupied cells of a scan; points: (N, 3 or more) x, y, z [m] in the frame of the level sensor.
+
+    The sensor lies above the box centre, `LIDAR_HEIGHT_M` above the ground. Points outside of the grid are dropped.
+    """
+    # Sorting the indices of 60 000 points takes half of the time that counting in all cells takes.
+    cells, counts = np.unique(_index_points(points), return_counts=True)
+    return (cells * 256 + np.minimum(counts, MAX_COUNT)).astype(np.uint32)
+
+
+def _index_points(points: npt.NDArray[np.float32]) -> npt.NDArray[np.int32]:
+    """Return the index (n,) of the cell of each point inside the grid."""
+    per_metre = np.float32(1.0 / GRID_CELL_M)
+    row = (np.float32(GRID_REACH_M) - points[:, 0]) * per_metre
+    column = (np.float32(GRID_REACH_M) - points[:, 1]) * per_metre
+    inside = np.flatnonzero((row >= 0) & (row < GRID_CELLS) & (column >= 0) & (column < GRID_CELLS))
+    edges = np.asarray(LAYER_EDGES_M, np.float32) - np.float32(LIDAR_HEIGHT_M)
+    height = points[inside, 2]
+    layer = np.zeros(len(inside), np.int32)
+    for edge in edges:  # seven comparisons take a third of the time of a binary search in seven edges
+        layer += height >= edge
+    return (layer * GRID_CELLS + row[inside].astype(np.int32)) * GRID_CELLS + column[inside].astype(np.int32)
+
+
+def expand_cells(cells: Cells) -> npt.NDArray[np.uint8]:
+    """Return the grid (GRID_LAYERS, GRID_CELLS, GRID_CELLS) of occupied cells."""
+    grid = np.zeros(GRID_SIZE, np.uint8)
+    grid[cells >> 8] = cells & 255
+    return grid.reshape(GRID_LAYERS, GRID_CELLS, GRID_CELLS)
+
+
+def merge_cells(scans: list[Cells], poses: npt.NDArray[np.floating]) -> Cells:
+    """Return the cells of several cars' scans in the frame of the first: what early fusion sees.
+
+    poses: (N, 3) x, y [m], yaw [rad] of each car in that frame. A cell moves as a whole, to the cell that holds its
+    centre; counts are added.
+    """
+    total = np.zeros(GRID_SIZE, np.int64)
+    for cells, (x, y, yaw) in zip(scans, poses.tolist(), strict=True):
+        index, is_inside = _move_cells((cells >> 8).astype(np.int64), x, y, yaw)
+        np.add.at(total, index[is_inside], (cells & 255)[is_inside])
+    occupied = np.flatnonzero(total)
+    return (occupied * 256 + np.minimum(total[occupied], MAX_COUNT)).astype(np.uint32)
+
+
+def _move_cells(
+    index: npt.NDArray[np.int64], x: float, y: float, yaw: float
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+    """Return the cells that hold the moved centres of cells, and whether they lie inside the grid."""
+    cos, sin = portable.cos_sin(yaw)
+    ahead = GRID_REACH_M - ((index // GRID_CELLS) % GRID_CELLS + 0.5) * GRID_CELL_M
+    left = GRID_REACH_M - (index % GRID_CELLS + 0.5) * GRID_CELL_M
+    row = np.floor((GRID_REACH_M - (x + cos * ahead - sin * left)) / GRID_CELL_M).astype(np.int64)
+    column = np.floor((GRID_REACH_M - (y + sin * ahead + cos * left)) / GRID_CELL_M).astype(np.int64)
+    inside = (row >= 0) & (row < GRID_CELLS) & (column >= 0) & (column < GRID_CELLS)
+    layer = index // (GRID_CELLS * GRID_CELLS)
+    return (layer * GRID_CELLS + row) * GRID_CELLS + column, inside

@@ -1,0 +1,1 @@
+"""Detectors that share features: frames of scans and truths, networks, training, evaluation."""

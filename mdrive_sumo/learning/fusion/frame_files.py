@@ -1,0 +1,98 @@
+"""Fusion frames on disk: a folder with `frames.json` and archives of arrays, docs/fusion-frames.md."""
+
+import io
+import json
+import re
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mdrive_sumo.agents.learned.fusion_spec import GRID_VERSION
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import make_folder, write_bytes, write_text
+from mdrive_sumo.learning.fusion.frames import ARRAYS, FusionFrames, check_frames, concatenate_frames
+
+FORMAT = "mdrive-sumo fusion frames 1"
+INDEX_NAME = "frames.json"
+MAX_ARCHIVE_BYTES = 2**31
+"""A thousand frames of three cars have about 50 MB."""
+_SHARD_NAME = re.compile(r"frames-\d{6}\.npz")
+_NPZ_ERRORS = (
+    zipfile.BadZipFile, zlib.error, ValueError, OSError, EOFError, KeyError, SyntaxError, NotImplementedError,
+)  # fmt: skip
+"""What numpy and zipfile raise for a damaged archive."""
+
+
+def write_frames(folder: Path, split: str, shards: list[FusionFrames]) -> Path:
+    """Write a data set and return the path of its index. Raises InputError for arrays of another kind."""
+    make_folder(folder)
+    names: list[str] = []
+    for i, frames in enumerate(shards):
+        name = f"frames-{i:06}.npz"
+        check_frames(frames, str(folder / name))
+        buffer = io.BytesIO()
+        arrays: dict[str, Any] = {each: getattr(frames, each) for each in ARRAYS}
+        np.savez_compressed(buffer, places=np.array(frames.places, dtype=np.str_), **arrays)
+        write_bytes(folder / name, buffer.getvalue())
+        names.append(name)
+    index = {"format": FORMAT, "grid_version": GRID_VERSION, "split": split, "shards": names}
+    write_text(folder / INDEX_NAME, json.dumps(index, indent=1) + "\n")
+    return folder / INDEX_NAME
+
+
+def read_frames(folder: Path) -> FusionFrames:
+    """Return all frames of a data set. Raises InputError with one sentence for what is missing, damaged or different."""
+    names = _read_index(folder / INDEX_NAME)
+    return concatenate_frames([_read_shard(folder / name) for name in names])
+
+
+def _read_index(path: Path) -> list[str]:
+    """Return the names of the archives."""
+    try:
+        index: Any = json.loads(read_bytes(path))
+    except OSError as error:
+        raise InputError(f"{path}: expected the index of fusion frames, found {error.strerror}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: expected JSON, found an error: {error}") from None
+    if not isinstance(index, dict) or index.get("format") != FORMAT:
+        found = index.get("format") if isinstance(index, dict) else type(index).__name__
+        raise InputError(f"{path}: expected the format {FORMAT!r}, found {found!r:.60}")
+    if index.get("grid_version") != GRID_VERSION:
+        raise InputError(
+            f"{path}: expected scans in the point grid of version {GRID_VERSION}, found"
+            f" {index.get('grid_version')!r:.40}; collect them again with this version of mdrive-sumo"
+        )
+    names: Any = index.get("shards")
+    if not isinstance(names, list) or not names:
+        raise InputError(f"{path}: shards: expected the names of one archive or more, found {names!r:.60}")
+    for name in names:
+        if not isinstance(name, str) or not _SHARD_NAME.fullmatch(name):
+            raise InputError(f"{path}: shards: expected names such as frames-000000.npz, found {name!r:.60}")
+    return names
+
+
+def _read_shard(path: Path) -> FusionFrames:
+    try:
+        content = read_bytes(path, MAX_ARCHIVE_BYTES)
+    except OSError as error:
+        raise InputError(f"{path}: expected an archive of fusion frames, found {error.strerror}") from None
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except _NPZ_ERRORS as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: expected an archive of arrays, found a damaged one ({reason})") from None
+    for name in ("places", *ARRAYS):
+        if name not in arrays:
+            hint = "; frames need LiDAR scans" if name in ("cells", "scan") else ""
+            raise InputError(f"{path}: expected an array {name}, found none{hint}")
+    places = arrays["places"]
+    if places.ndim != 1 or places.dtype.kind != "U":
+        raise InputError(f"{path}: places: expected names, found {places.dtype.name} {places.shape}")
+    frames = FusionFrames(tuple(places.tolist()), **{name: arrays[name] for name in ARRAYS})
+    check_frames(frames, str(path))
+    return frames

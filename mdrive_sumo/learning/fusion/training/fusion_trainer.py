@@ -1,0 +1,138 @@
+"""FusionTrainer: the training loop of all systems, with frames that are shared instead of drives."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from mdrive_sumo.agents.learned.fusion_spec import FEATURE_CELLS, FUSIONS, MAX_CAVS
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.learning.fusion.networks.fusion_network import FusionAnswer, FusionNetwork
+from mdrive_sumo.learning.fusion.training.augment_sharing import DrawnFrames, draw_arrived, draw_sharing, quantise
+from mdrive_sumo.learning.fusion.training.frame_store import FrameStore, Sharing, TrueBoxes, mirror
+from mdrive_sumo.learning.fusion.training.fusion_losses import (
+    compute_confidence_loss,
+    compute_detection_losses,
+    compute_teacher_loss,
+    sum_losses,
+)
+from mdrive_sumo.learning.training.checkpoint import Checkpoint, take_weights
+from mdrive_sumo.learning.training.trainer import Trainer
+from mdrive_sumo.learning.training.training_options import TrainingOptions
+
+
+class FusionTrainer(Trainer):
+    """A detector, its average, optimiser and random numbers; `train` takes a FrameStore as data."""
+
+    def __init__(
+        self,
+        detector: str,
+        options: TrainingOptions,
+        device: torch.device,
+        report: Callable[[str], object] = str,
+        *,
+        is_gated: bool = False,
+        teacher: FusionNetwork | None = None,
+    ) -> None:
+        """Build a detector with fresh weights. teacher: a trained `early`, which `disconet` needs and no other gets.
+
+        Raises InputError for a detector without weights, and for a teacher that is missing or not wanted.
+        """
+        if (teacher is not None) != (detector == "disconet") or (teacher is not None and teacher.detector != "early"):
+            wanted = "a trained 'early' as its teacher" if detector == "disconet" else "no teacher"
+            raise InputError(
+                f"training {detector}: expected {wanted}, found"
+                f" {'none' if teacher is None else repr(teacher.detector)}"
+            )
+        super().__init__(detector, options, device, report, lambda name: FusionNetwork(name, is_gated))
+        self.teacher = None if teacher is None else teacher.to(device).eval().requires_grad_(False)
+        self.summary["is_gated"] = is_gated and detector in FUSIONS
+
+    def begin_with(self, checkpoint: Checkpoint) -> None:
+        """Take encoder and head of the averaged weights of any detector's checkpoint. Raises InputError."""
+        begin = FusionNetwork(checkpoint.system, bool(checkpoint.summary.get("is_gated")))
+        take_weights(begin, checkpoint.average, checkpoint.system)
+        for network in (self.network, self.average.network):
+            network.encoder.load_state_dict(begin.encoder.state_dict())
+            network.head.load_state_dict(begin.head.state_dict())
+            if checkpoint.system == self.system:
+                take_weights(network, checkpoint.average, self.system)
+
+    def _compute_losses(self, data: Any, rows: Tensor) -> Mapping[str, Tensor]:
+        assert isinstance(data, FrameStore)
+        self.network.train()
+        drawn = draw_sharing(data, rows, self.generator)
+        sharing = drawn.sharing if self.system != "none" else _keep_own(drawn.sharing)
+        truth = data.take_boxes(rows, sharing.scan >= 0)
+        own = data.take_boxes(rows, (sharing.scan >= 0) & (torch.arange(MAX_CAVS, device=self.device) == 0))
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.device.type == "cuda"):
+            if self.system in FUSIONS:
+                answer, confidence, boxes = self._answer_shared(data, sharing, drawn, truth)
+            else:
+                answer, confidence, boxes = self._answer_one_grid(data, sharing, drawn, truth)
+            taught = self._teach(data, rows, drawn) if self.teacher is not None else None
+        parts = compute_detection_losses(answer, _replace_boxes(truth, boxes))
+        seen = own if self.system in FUSIONS else truth
+        parts["confidence"] = compute_confidence_loss(confidence, _replace_boxes(seen, boxes))
+        if taught is not None:
+            parts["teacher"] = compute_teacher_loss(answer.fused, taught)
+        return sum_losses(parts)
+
+    def _answer_shared(
+        self, data: FrameStore, sharing: Sharing, drawn: DrawnFrames, truth: TrueBoxes
+    ) -> tuple[FusionAnswer, Tensor, Tensor]:
+        """Return answer, logits of the own confidence and mirrored boxes of a fusion."""
+        frame, car = torch.nonzero(sharing.scan >= 0, as_tuple=True)
+        grids = data.build_grids(sharing.scan[frame, car])
+        grids, pose, boxes = mirror(grids, sharing.pose, truth.boxes, drawn.is_mirrored, frame)
+        features, confidence = self.network.encoder(grids.contiguous(memory_format=torch.channels_last))
+        is_sender = (car > 0)[:, None, None, None]
+        features = torch.where(is_sender, quantise(features), features)
+        shape = len(sharing.scan), MAX_CAVS
+        maps = features.new_zeros((*shape, *features.shape[1:]))
+        maps[frame, car] = features
+        sure = confidence.detach().new_zeros((*shape, FEATURE_CELLS, FEATURE_CELLS))
+        sure[frame, car] = torch.sigmoid(confidence.detach())
+        arrived = draw_arrived(sure, sharing.scan >= 0, drawn.is_perfect, self.generator)
+        answer = self.network(maps * arrived[:, :, None], arrived, pose, sharing.age_s)
+        return answer, confidence[car == 0], boxes
+
+    def _answer_one_grid(
+        self, data: FrameStore, sharing: Sharing, drawn: DrawnFrames, truth: TrueBoxes
+    ) -> tuple[FusionAnswer, Tensor, Tensor]:
+        """The same of `none` and `early`."""
+        features, confidence, boxes = self._encode_merged(self.network, data, sharing, drawn, truth.boxes)
+        ones = features.new_ones((len(features), 1, FEATURE_CELLS, FEATURE_CELLS))
+        answer = self.network(features[:, None], ones, sharing.pose[:, :1], sharing.age_s[:, :1])
+        return answer, confidence, boxes
+
+    def _teach(self, data: FrameStore, rows: Tensor, drawn: DrawnFrames) -> Tensor:
+        """Return the teacher's features of the same cars, with true poses and newest scans."""
+        assert self.teacher is not None
+        perfect = data.share(rows, torch.zeros_like(drawn.sharing.scan), torch.zeros_like(drawn.is_perfect))
+        perfect = Sharing(torch.where(drawn.sharing.scan >= 0, perfect.scan, -1), perfect.pose, perfect.age_s)
+        boxes = perfect.pose.new_zeros((len(rows), 1, 5))
+        with torch.no_grad():
+            return self._encode_merged(self.teacher, data, perfect, drawn, boxes)[0]
+
+    def _encode_merged(
+        self, network: Any, data: FrameStore, sharing: Sharing, drawn: DrawnFrames, boxes: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Return features, logits of confidence and mirrored boxes of the merged scans of each frame."""
+        grids = data.build_merged_grids(sharing)
+        frame = torch.arange(len(grids), device=self.device)
+        grids, _, boxes = mirror(grids, sharing.pose, boxes, drawn.is_mirrored, frame)
+        features, confidence = network.encoder(grids.contiguous(memory_format=torch.channels_last))
+        return features, confidence, boxes
+
+
+def _keep_own(sharing: Sharing) -> Sharing:
+    """Return what is shared without any sender."""
+    scan = sharing.scan.clone()
+    scan[:, 1:] = -1
+    return Sharing(scan, sharing.pose, sharing.age_s)
+
+
+def _replace_boxes(truth: TrueBoxes, boxes: Tensor) -> TrueBoxes:
+    return TrueBoxes(boxes, truth.classes, truth.is_seen, truth.is_hidden)

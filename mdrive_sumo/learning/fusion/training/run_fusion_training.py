@@ -1,0 +1,148 @@
+"""run_fusion_training: frames in; checkpoint, best checkpoint and curves out."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from mdrive_sumo.agents.learned.fusion_spec import FUSIONS
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.learning.fusion.average_precision import compute_precision
+from mdrive_sumo.learning.fusion.conditions import CONDITIONS, SharingCondition
+from mdrive_sumo.learning.fusion.frames import FusionFrames, check_places_differ
+from mdrive_sumo.learning.fusion.networks.fusion_network import FusionNetwork
+from mdrive_sumo.learning.fusion.training.detect_frames import detect_frames
+from mdrive_sumo.learning.fusion.training.export_fusion import build_trained_network
+from mdrive_sumo.learning.fusion.training.frame_store import FrameStore
+from mdrive_sumo.learning.fusion.training.fusion_trainer import FusionTrainer
+from mdrive_sumo.learning.training.checkpoint import (
+    CHECKPOINT_NAME,
+    Checkpoint,
+    check_unused,
+    load_checkpoint,
+    load_whole_checkpoint,
+    save_checkpoint,
+)
+from mdrive_sumo.learning.training.run_training import find_device
+from mdrive_sumo.learning.training.training_options import TrainingOptions
+
+BEST_NAME = "best.pt"
+"""The averaged weights with the highest average precision on the validation frames."""
+JUDGED_BY = ("clean", "0.2 m, 100 ms")
+"""Conditions whose mean precision of vehicles at an intersection over union of 0.5 decides which weights are best; the
+second one is V2XSet's noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class FusionRun:
+    """What to train on what, and where it is written."""
+
+    detector: str
+    options: TrainingOptions
+    device: str
+    folder: Path
+    data: FusionFrames
+    validation: FusionFrames
+    is_gated: bool = False
+    is_resumed: bool = False
+    """Go on from the checkpoint in `folder`, if there is one."""
+    initial: Path | None = None
+    """Checkpoint of any detector whose encoder and head the training begins with."""
+    teacher: Path | None = None
+    """Checkpoint of a trained `early`, for `disconet`."""
+    sources: tuple[str, ...] = ()
+    """Where the data comes from, for the summary."""
+
+
+def run_fusion_training(run: FusionRun, report: Callable[[str], object]) -> Path:
+    """Train a detector and return the path of its best weights. Raises InputError."""
+    check_places_differ(run.data, run.validation, "validation")
+    device = find_device(run.device)
+    teacher = None if run.teacher is None else build_trained_network(load_checkpoint(run.teacher, "early"))
+    trainer = FusionTrainer(run.detector, run.options, device, report, is_gated=run.is_gated, teacher=teacher)
+    _prepare(trainer, run, report)
+    trainer.summary |= {
+        "frames": len(run.data),
+        "options": asdict(run.options),
+        "sources": list(run.sources),
+        "device": torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU",
+        "torch": str(torch.__version__),
+    }
+    judge = _BestWeights(trainer, run.validation, device, run.folder)
+    trainer.train(FrameStore(run.data, device), np.ones(len(run.data)), run.folder, judge.look)
+    judge.look(trainer.average.network)
+    trainer.save(run.folder)
+    best = trainer.summary["best"]
+    report(f"{run.detector}: best average precision of validation {best['precision']:.4f} at step {best['step']}")
+    return run.folder / BEST_NAME
+
+
+def _prepare(trainer: FusionTrainer, run: FusionRun, report: Callable[[str], object]) -> None:
+    path = run.folder / CHECKPOINT_NAME
+    if run.is_resumed and path.is_file():
+        checkpoint = load_whole_checkpoint(path, run.detector)
+        _check_resumed(path, checkpoint.summary, run)
+        trainer.resume(checkpoint)
+        report(f"{path}: going on from step {trainer.step}")
+        return
+    check_unused(run.folder)
+    if run.initial is not None:
+        checkpoint = load_checkpoint(run.initial)
+        trainer.begin_with(checkpoint)
+        trainer.summary["begun_with"] = {"checkpoint": str(run.initial), "detector": checkpoint.system}
+
+
+def _check_resumed(path: Path, before: Mapping[str, Any], run: FusionRun) -> None:
+    """Raise InputError unless a checkpoint is of a run on the same frames, with the options that make it the same."""
+    options = before.get("options", {})
+    pairs = {
+        "frames": (before.get("frames"), len(run.data)),
+        "sources": (before.get("sources"), list(run.sources)),
+        "gate": (before.get("is_gated"), run.is_gated and run.detector in FUSIONS),
+        "seed": (options.get("seed"), run.options.seed),
+        "batch": (options.get("batch"), run.options.batch),
+    }
+    for what, (then, here) in pairs.items():
+        if then != here:
+            raise InputError(
+                f"{path}: {what}: expected {then}, as the training began, found {here}; begin another training with its"
+                " weights"
+            )
+
+
+class _BestWeights:
+    """Measures the averaged network and keeps the weights that are best so far, also over a resumed run."""
+
+    def __init__(
+        self, trainer: FusionTrainer, frames: FusionFrames, device: torch.device, folder: Path
+    ) -> None:
+        self._trainer = trainer
+        self._frames = frames
+        self._store = FrameStore(frames, device)
+        self._folder = folder
+
+    def look(self, network: nn.Module) -> Mapping[str, float]:
+        """Return average precisions by condition, for the curves; write BEST_NAME if their mean is the highest."""
+        assert isinstance(network, FusionNetwork)
+        precision = {
+            f"validation/{condition.name}": self._measure(network, condition)
+            for condition in CONDITIONS
+            if condition.name in JUDGED_BY
+        }
+        mean = float(np.mean(list(precision.values())))
+        best = self._trainer.summary.get("best")
+        if best is None or mean > best["precision"]:
+            self._trainer.summary["best"] = {"precision": mean, "step": self._trainer.step}
+            summary = self._trainer.summary | {"steps": self._trainer.step}
+            weights = Checkpoint(
+                self._trainer.system, self._trainer.step, self._trainer.elapsed_s, {}, network.state_dict(), {}, None, summary
+            )
+            save_checkpoint(weights, self._folder, BEST_NAME)
+        return precision
+
+    def _measure(self, network: FusionNetwork, condition: SharingCondition) -> float:
+        return compute_precision(self._frames, detect_frames(network, self._frames, self._store, condition), 0.5)
