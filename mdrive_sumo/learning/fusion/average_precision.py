@@ -53,8 +53,8 @@ GROUPS: Mapping[str, BoxGroup] = MappingProxyType(
         "more points": _with_points(6, MANY),
     }
 )
-"""Columns of the tables: distances from the own car (OPV2V's), and points of the own scan on the box. The grid ends 51.2
-m ahead and aside, so beyond 50 m there are its corners."""
+"""Columns of the tables: distances from the own car (OPV2V's), and points of the own scan on the box. The grid ends
+51.2 m ahead and aside, so beyond 50 m there are its corners."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,9 @@ class PrecisionCounts:
         if not self.truths.sum():
             return None
         counts = draw_nested_counts(self.labels)[: 1 + RESAMPLES_OF_AP]
-        sums = [sum_resamples(counts, each.astype(np.float64)) for each in (self.true, self.found, self.truths)]
+        scores = np.flatnonzero(self.found.any(axis=0))  # the others change nothing
+        arrays = self.true[:, scores], self.found[:, scores], self.truths
+        sums = [sum_resamples(counts, each.astype(np.float64)) for each in arrays]
         values = integrate_precision(*sums)
         units = len({label[0] for label in self.labels})
         return ResampledMean(float(values[0]), values[1:], units, count_effective(self.labels))
@@ -88,7 +90,9 @@ def count_detections(
 
     min_iou: intersection over union at which a detection counts. class_number: index into CLASSES; 0: vehicles.
     """
-    drives = sorted({(frames.places[place], int(episode)) for place, episode in zip(frames.place, frames.episode, strict=True)})
+    drives = sorted(
+        {(frames.places[place], int(episode)) for place, episode in zip(frames.place, frames.episode, strict=True)}
+    )
     unit_by_drive = {drive: i for i, drive in enumerate(drives)}
     counts = {
         name: PrecisionCounts(tuple(drives), *_make_histograms(len(drives)), np.zeros(len(drives), np.int64))
@@ -132,7 +136,9 @@ def _add_frame(
         np.add.at(counts[name].true[unit], bins[is_counted & is_true], 1)
 
 
-def compute_precision(frames: FusionFrames, found: Sequence[DetectedBoxes], min_iou: float, group: str = "all") -> float:
+def compute_precision(
+    frames: FusionFrames, found: Sequence[DetectedBoxes], min_iou: float, group: str = "all"
+) -> float:
     """Return the average precision of vehicles in one group without an interval; 0 without true boxes."""
     counts = count_detections(frames, found, min_iou)[group]
     return float(integrate_precision(counts.true.sum(axis=0), counts.found.sum(axis=0), counts.truths.sum()))

@@ -45,7 +45,7 @@ def write_frames(folder: Path, split: str, shards: list[FusionFrames]) -> Path:
 
 
 def read_frames(folder: Path) -> FusionFrames:
-    """Return all frames of a data set. Raises InputError with one sentence for what is missing, damaged or different."""
+    """Return all frames of a data set. Raises InputError for what is missing, damaged or different."""
     names = _read_index(folder / INDEX_NAME)
     return concatenate_frames([_read_shard(folder / name) for name in names])
 

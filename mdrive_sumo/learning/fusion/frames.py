@@ -3,7 +3,7 @@
 docs/fusion-frames.md describes the arrays for those who write them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -59,15 +59,16 @@ class FusionFrames:
     scan_starts: npt.NDArray[np.int64]
     """(scans + 1,) where in `cells` each scan begins, and its end."""
     scan: npt.NDArray[np.int32]
-    """(F, MAX_CAVS, delays) the scan of each car, DELAYS_TICKS before the frame's tick; -1: none. Frames share scans."""
+    """(F, MAX_CAVS, delays) the scan of each car, DELAYS_TICKS before the frame's tick; -1: none. Frames may
+    share scans."""
     true_pose: npt.NDArray[np.float32]
     """(F, MAX_CAVS, delays, 3) x, y [m], yaw [rad] of the car at each scan, in the own car's true frame at the tick of
     the frame; NaN where there is no scan."""
     estimated_pose: npt.NDArray[np.float32]
     """The same as a receiver gets it: the sender's estimated pose in the frame of the own car's estimated pose."""
     boxes: npt.NDArray[np.float32]
-    """(F, MAX_BOXES, 5) x, y, yaw, length, width of road users in the own car's true frame, within the grid, without the
-    own car; NaN in unused rows, which come last."""
+    """(F, MAX_BOXES, 5) x, y, yaw, length, width of road users in the own car's true frame, within the grid, without
+    the own car; NaN in unused rows, which come last."""
     box_class: npt.NDArray[np.int8]
     """(F, MAX_BOXES) index into `fusion_spec.CLASSES`; -1 in unused rows."""
     box_points: npt.NDArray[np.uint16]
@@ -111,7 +112,7 @@ def concatenate_frames(parts: Sequence[FusionFrames]) -> FusionFrames:
             "episode": part.episode + np.int32(first_episode[i]),
         }
         for name in ARRAYS:
-            arrays[name].append(changed.get(name, getattr(part, name)))
+            arrays[name].append(changed[name] if name in changed else getattr(part, name))
     return FusionFrames(places, **{name: np.concatenate(values) for name, values in arrays.items()})
 
 
@@ -133,51 +134,38 @@ def check_frames(frames: FusionFrames, where: str) -> None:
         raise InputError(f"{where}: {name}: {problem}")
 
 
-OWN_POSE = "expected 0, 0, 0 of the own car's newest scan, found others"
-
-
-def _find_problems(frames: FusionFrames) -> list[tuple[str, str]]:
-    """Return name and sentence of each array whose numbers are wrong, in the order of `ARRAYS`."""
+def _find_problems(frames: FusionFrames) -> Iterator[tuple[str, str]]:
+    """Yield name and sentence of each array whose numbers are wrong."""
     starts, scans = frames.scan_starts, len(frames.scan_starts) - 1
-    has_scan, is_box = frames.scan >= 0, frames.box_class >= 0
-    used_poses = [pose[has_scan] for pose in (frames.true_pose, frames.estimated_pose)]
-    boxes = frames.boxes[is_box]
-    checks: tuple[tuple[str, bool, str], ...] = (
-        ("cells", not bool((frames.cells >> 8 >= GRID_SIZE).any()), f"expected cells below {GRID_SIZE}, found a larger one"),
-        ("cells", not bool((frames.cells & 255 == 0).any()), "expected counts from 1 to 255, found 0"),
-        (
-            "scan_starts",
-            scans >= 0 and int(starts[0]) == 0 and int(starts[-1]) == len(frames.cells) and bool((np.diff(starts) >= 0).all()),
-            f"expected ascending numbers from 0 to the {len(frames.cells)} cells, found others",
-        ),
-        (
-            "scan",
-            bool(((frames.scan >= -1) & (frames.scan < scans)).all()),
-            f"expected -1 to {scans - 1}, of {scans} scans, found {frames.scan.min(initial=0)} to {frames.scan.max(initial=-1)}",
-        ),
-        ("scan", bool(has_scan[:, 0, 0].all()), "expected a scan of the own car in every frame, found none"),
-        ("true_pose", bool(np.isfinite(used_poses[0]).all()), "expected a pose of every scan, found numbers that are not finite"),
-        ("true_pose", not bool(frames.true_pose[:, 0, 0].any()), OWN_POSE),
-        (
-            "estimated_pose",
-            bool(np.isfinite(used_poses[1]).all()),
-            "expected a pose of every scan, found numbers that are not finite",
-        ),
-        ("estimated_pose", not bool(frames.estimated_pose[:, 0, 0].any()), OWN_POSE),
-        ("boxes", bool(np.isfinite(boxes).all()), "expected finite numbers in used rows, found others"),
-        (
-            "boxes",
-            bool((np.abs(boxes[:, :2]) <= GRID_REACH_M).all() and (boxes[:, 3:] > 0).all()),
-            f"expected centres within {GRID_REACH_M} m and sides above 0, found others",
-        ),
-        ("box_class", bool((frames.box_class < len(CLASSES)).all()), f"expected classes below {len(CLASSES)}, found a larger one"),
-        (
-            "place",
-            bool(((frames.place >= 0) & (frames.place < len(frames.places))).all()),
-            f"expected numbers of the {len(frames.places)} places, found others",
-        ),
-    )  # fmt: skip
-    return [(name, sentence) for name, is_right, sentence in checks if not is_right]
+    if (frames.cells >> 8 >= GRID_SIZE).any():
+        yield "cells", f"expected cells below {GRID_SIZE}, found a larger one"
+    if (frames.cells & 255 == 0).any():
+        yield "cells", "expected counts from 1 to 255, found 0"
+    if scans < 0 or starts[0] != 0 or starts[-1] != len(frames.cells) or (np.diff(starts) < 0).any():
+        yield "scan_starts", f"expected ascending numbers from 0 to the {len(frames.cells)} cells, found others"
+    low, high = int(frames.scan.min(initial=0)), int(frames.scan.max(initial=-1))
+    if low < -1 or high >= scans:
+        yield "scan", f"expected -1 to {scans - 1}, of {scans} scans, found {low} to {high}"
+    if (frames.scan[:, 0, 0] < 0).any():
+        yield "scan", "expected a scan of the own car in every frame, found none"
+    for name, pose in (("true_pose", frames.true_pose), ("estimated_pose", frames.estimated_pose)):
+        if not np.isfinite(pose[frames.scan >= 0]).all():
+            yield name, "expected a pose of every scan, found numbers that are not finite"
+        if pose[:, 0, 0].any():
+            yield name, "expected 0, 0, 0 of the own car's newest scan, found others"
+    yield from _find_box_problems(frames)
+    if not ((frames.place >= 0) & (frames.place < len(frames.places))).all():
+        yield "place", f"expected numbers of the {len(frames.places)} places, found others"
+
+
+def _find_box_problems(frames: FusionFrames) -> Iterator[tuple[str, str]]:
+    boxes = frames.boxes[frames.box_class >= 0]
+    if not np.isfinite(boxes).all():
+        yield "boxes", "expected finite numbers in used rows, found others"
+    if (np.abs(boxes[:, :2]) > GRID_REACH_M).any() or (boxes[:, 3:] <= 0).any():
+        yield "boxes", f"expected centres within {GRID_REACH_M} m and sides above 0, found others"
+    if (frames.box_class >= len(CLASSES)).any():
+        yield "box_class", f"expected classes below {len(CLASSES)}, found a larger one"
 
 
 def check_places_differ(training: FusionFrames, judged: FusionFrames, split: str) -> None:

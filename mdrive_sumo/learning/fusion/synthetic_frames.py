@@ -7,7 +7,6 @@ ground around the car. Nothing occludes anything: instead a draw hides a box fro
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.ego_frame import convert_to_frame
 from mdrive_sumo.agents.learned.fusion_spec import DELAYS_TICKS, MAX_CAVS
@@ -104,9 +103,8 @@ def _draw_scene(random: np.random.Generator, cavs: int, boxes: int, hidden_share
     cars[1:, :2] = random.uniform(-CAR_REACH_M, CAR_REACH_M, (cavs - 1, 2))
     cars[1:, 2] = random.uniform(-np.pi, np.pi, cavs - 1)
     classes = random.choice(len(SIZES_M), boxes, p=CLASS_SHARES)
-    drawn = np.column_stack(
-        (random.uniform(-BOX_REACH_M, BOX_REACH_M, (boxes, 2)), random.uniform(-np.pi, np.pi, boxes), SIZES_M[classes, :2])
-    )  # fmt: skip
+    centres = random.uniform(-BOX_REACH_M, BOX_REACH_M, (boxes, 2))
+    drawn = np.column_stack((centres, random.uniform(-np.pi, np.pi, boxes), SIZES_M[classes, :2]))
     together = np.concatenate((cars, drawn))
     first = np.arange(len(together), 0, -1.0)  # cars win
     kept = suppress_overlaps(together, first, np.zeros(len(together), np.int64), 0.0)

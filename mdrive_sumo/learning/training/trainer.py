@@ -114,7 +114,8 @@ class Trainer:
     ) -> dict[str, float]:
         """Train until the steps or the minutes are used up; returns the last losses.
 
-        data: what `_compute_losses` takes samples from, `TrainingData` here. shares: (M,) how often each sample is drawn, 0: never. glance: measures the averaged network, GLANCES times.
+        data: what `_compute_losses` takes samples from, here `TrainingData`. shares: (M,) how often each sample is
+        drawn, 0: never. glance: measures the averaged network, GLANCES times.
         Raises InputError when the loss is no number; the last checkpoint stays. Raises KeyboardInterrupt after Ctrl-C,
         with a new checkpoint. The first step does not count as time.
         """

@@ -56,7 +56,7 @@ class FusionNetwork(nn.Module):
         the receiver's frame. age: (F, N) [s].
         """
         if self.detector not in FUSIONS:
-            return FusionAnswer(*self.head(features[:, 0]), features[:, 0])
+            return self._detect(features[:, 0])
         maps = torch.cat((features, arrived[:, :, None].to(features.dtype)), dim=2)
         warped = split_cars(warp_maps(maps.flatten(0, 1), pose.flatten(0, 1)), features)
         values, there = warped[:, :, :-1], warped[:, :, -1:]
@@ -64,4 +64,8 @@ class FusionNetwork(nn.Module):
         fused = self.fusion(values, there, ages)
         if self.gate is not None:
             fused = self.gate(values[:, 0], fused, there, ages)
-        return FusionAnswer(*self.head(fused), fused)
+        return self._detect(fused)
+
+    def _detect(self, fused: Tensor) -> FusionAnswer:
+        heat, numbers, fit = self.head(fused)
+        return FusionAnswer(heat, numbers, fit, fused)

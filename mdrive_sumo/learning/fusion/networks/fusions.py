@@ -57,7 +57,7 @@ def _hide_missing(scores: Tensor, arrived: Tensor) -> Tensor:
 class MaxFusion(nn.Module):
     """F-Cooper (Chen et al. 2019, section 4.3): of each feature the largest of all cars."""
 
-    def forward(self, maps: Tensor, arrived: Tensor, age: Tensor) -> Tensor:
+    def forward(self, maps: Tensor, arrived: Tensor, age: Tensor) -> Tensor:  # noqa: ARG002 - as the others
         """See the module."""
         return (maps * arrived).amax(dim=1)
 

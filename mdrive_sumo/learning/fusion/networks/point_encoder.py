@@ -21,8 +21,11 @@ class PointEncoder(nn.Module):
         self.stem = nn.Sequential(ConvBlock(GRID_LAYERS, HALF, stride=2), ConvBlock(HALF, QUARTER, stride=2))
         self.fine = ResidualBlock(QUARTER)
         self.coarse = nn.Sequential(
-            ConvBlock(QUARTER, EIGHTH, stride=2), ResidualBlock(EIGHTH), ResidualBlock(EIGHTH), nn.Conv2d(EIGHTH, QUARTER, 1)
-        )  # fmt: skip
+            ConvBlock(QUARTER, EIGHTH, stride=2),
+            ResidualBlock(EIGHTH),
+            ResidualBlock(EIGHTH),
+            nn.Conv2d(EIGHTH, QUARTER, 1),
+        )
         self.merge = ConvBlock(QUARTER, QUARTER)
         self.narrow = ConvBlock(QUARTER, FEATURE_CHANNELS, size=1)
         self.confidence = nn.Conv2d(FEATURE_CHANNELS, 1, 1)

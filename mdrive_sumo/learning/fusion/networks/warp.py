@@ -12,7 +12,9 @@ def warp_maps(maps: Tensor, pose: Tensor) -> Tensor:
 
     pose: (M, 3) x, y [m], yaw [rad] of each sender in the receiver's frame.
     """
-    offsets = GRID_REACH_M - (torch.arange(FEATURE_CELLS, device=pose.device, dtype=torch.float32) + 0.5) * FEATURE_CELL_M
+    offsets = (
+        GRID_REACH_M - (torch.arange(FEATURE_CELLS, device=pose.device, dtype=torch.float32) + 0.5) * FEATURE_CELL_M
+    )
     x, y, yaw = (each[:, None, None] for each in pose.to(torch.float32).unbind(dim=-1))
     cos, sin = torch.cos(yaw), torch.sin(yaw)
     ahead, left = offsets[None, :, None] - x, offsets[None, None, :] - y

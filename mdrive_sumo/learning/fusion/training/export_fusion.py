@@ -166,8 +166,8 @@ def _check(exported: ExportedDetector) -> None:
         )
     if exported.bytes > MAX_FILES_BYTES:
         raise InputError(
-            f"{exported.fusion}: expected at most {MAX_FILES_BYTES} bytes with its encoder, found {exported.bytes}: make"
-            " the network smaller"
+            f"{exported.fusion}: expected at most {MAX_FILES_BYTES} bytes with its encoder, found {exported.bytes}:"
+            " make the network smaller"
         )
 
 

@@ -74,14 +74,18 @@ class FrameStore:
 
     def to_sharing(self, shared: SharedScans, rows: slice) -> Sharing:
         """Return some frames of what a condition shares."""
-        scan, pose, age = (torch.from_numpy(each[rows]).to(self.device) for each in (shared.scan, shared.pose, shared.age_s))
+        scan, pose, age = (
+            torch.from_numpy(each[rows]).to(self.device) for each in (shared.scan, shared.pose, shared.age_s)
+        )
         return Sharing(scan.long(), pose, age)
 
     def take_boxes(self, rows: Tensor, is_there: Tensor) -> TrueBoxes:
         """Return the boxes of frames; is_there: (F, N) whose scans the detector gets."""
         classes = self._classes[rows]
         has_points = ((self._points[rows] > 0) & is_there[:, None]).any(dim=2)
-        return TrueBoxes(self._boxes[rows], classes.clamp(min=0), (classes >= 0) & has_points, (classes >= 0) & ~has_points)
+        return TrueBoxes(
+            self._boxes[rows], classes.clamp(min=0), (classes >= 0) & has_points, (classes >= 0) & ~has_points
+        )
 
     def build_grids(self, scans: Tensor) -> Tensor:
         """Return the grids (M, GRID_LAYERS, GRID_CELLS, GRID_CELLS) of scans (M,), float32 counts."""
@@ -116,7 +120,9 @@ class FrameStore:
         return which, packed >> 8, (packed & 255).float()
 
 
-def mirror(grids: Tensor, pose: Tensor, boxes: Tensor, is_mirrored: Tensor, frame: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def mirror(
+    grids: Tensor, pose: Tensor, boxes: Tensor, is_mirrored: Tensor, frame: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
     """Return a batch with left and right exchanged in some frames, of all cars alike.
 
     grids: (M, ...) of the frames `frame` (M,). pose: (F, N, 3). boxes: (F, B, 5). is_mirrored: (F,).

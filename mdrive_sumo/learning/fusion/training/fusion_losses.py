@@ -23,8 +23,6 @@ REACH_CELLS = 3
 """Targets of a centre end so many cells from it."""
 
 
-
-
 def compute_detection_losses(answer: FusionAnswer, truth: TrueBoxes) -> dict[str, Tensor]:
     """Return the parts of the loss of a detector's answer, unweighted."""
     heat, ignored = draw_centres(truth, answer.heat.shape[-1])

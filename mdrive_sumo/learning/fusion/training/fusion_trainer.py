@@ -42,8 +42,7 @@ class FusionTrainer(Trainer):
         if (teacher is not None) != (detector == "disconet") or (teacher is not None and teacher.detector != "early"):
             wanted = "a trained 'early' as its teacher" if detector == "disconet" else "no teacher"
             raise InputError(
-                f"training {detector}: expected {wanted}, found"
-                f" {'none' if teacher is None else repr(teacher.detector)}"
+                f"training {detector}: expected {wanted}, found {'none' if teacher is None else repr(teacher.detector)}"
             )
         super().__init__(detector, options, device, report, lambda name: FusionNetwork(name, is_gated))
         self.teacher = None if teacher is None else teacher.to(device).eval().requires_grad_(False)

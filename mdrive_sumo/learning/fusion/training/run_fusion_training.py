@@ -117,9 +117,7 @@ def _check_resumed(path: Path, before: Mapping[str, Any], run: FusionRun) -> Non
 class _BestWeights:
     """Measures the averaged network and keeps the weights that are best so far, also over a resumed run."""
 
-    def __init__(
-        self, trainer: FusionTrainer, frames: FusionFrames, device: torch.device, folder: Path
-    ) -> None:
+    def __init__(self, trainer: FusionTrainer, frames: FusionFrames, device: torch.device, folder: Path) -> None:
         self._trainer = trainer
         self._frames = frames
         self._store = FrameStore(frames, device)
@@ -139,7 +137,14 @@ class _BestWeights:
             self._trainer.summary["best"] = {"precision": mean, "step": self._trainer.step}
             summary = self._trainer.summary | {"steps": self._trainer.step}
             weights = Checkpoint(
-                self._trainer.system, self._trainer.step, self._trainer.elapsed_s, {}, network.state_dict(), {}, None, summary
+                self._trainer.system,
+                self._trainer.step,
+                self._trainer.elapsed_s,
+                {},
+                network.state_dict(),
+                {},
+                None,
+                summary,
             )
             save_checkpoint(weights, self._folder, BEST_NAME)
         return precision
