@@ -4,7 +4,7 @@ docs/fusion-frames.md describes the arrays for those who write them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -114,6 +114,12 @@ def concatenate_frames(parts: Sequence[FusionFrames]) -> FusionFrames:
         for name in ARRAYS:
             arrays[name].append(changed[name] if name in changed else getattr(part, name))
     return FusionFrames(places, **{name: np.concatenate(values) for name, values in arrays.items()})
+
+
+def take_frames(frames: FusionFrames, rows: npt.NDArray[np.integer]) -> FusionFrames:
+    """Return some frames; all scans stay."""
+    by_frame = [name for name, array in ARRAYS.items() if array.shape[0] == "frames"]
+    return replace(frames, **{name: getattr(frames, name)[rows] for name in by_frame})
 
 
 def check_frames(frames: FusionFrames, where: str) -> None:

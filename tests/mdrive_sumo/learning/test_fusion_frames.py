@@ -22,6 +22,7 @@ from mdrive_sumo.learning.fusion.frames import (
     check_frames,
     check_places_differ,
     concatenate_frames,
+    take_frames,
 )
 from mdrive_sumo.learning.fusion.synthetic_frames import build_synthetic_frames
 
@@ -95,6 +96,13 @@ def test_files_hold_what_was_written(frames: FusionFrames, tmp_path: Path) -> No
     assert np.array_equal(found.get_scan(found.scan[7, 1, 2]), other.get_scan(other.scan[1, 1, 2]))
     assert np.array_equal(found.get_scan(found.scan[2, 2, 3]), frames.get_scan(frames.scan[2, 2, 3]))
     assert found.places[found.place[6]] == "val_0" and found.episode[6] > frames.episode.max()
+
+
+def test_taken_frames_keep_their_scans(frames: FusionFrames) -> None:
+    taken = take_frames(frames, np.array([4, 1]))
+    check_frames(taken, "here")
+    assert np.array_equal(taken.get_scan(taken.scan[1, 0, 0]), frames.get_scan(frames.scan[1, 0, 0]))
+    assert taken.tick.tolist() == frames.tick[[4, 1]].tolist()
 
 
 def change(frames: FusionFrames, name: str, index: Any, value: Any) -> FusionFrames:
