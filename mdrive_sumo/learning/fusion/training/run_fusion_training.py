@@ -38,7 +38,7 @@ second one is V2XSet's noise."""
 
 
 MAX_JUDGED = 200
-"""Validation frames that are looked at ten times in a run, spread over all: decoding takes about 8 ms each on one core."""
+"""Validation frames that are looked at ten times in a run, spread over all: boxes are decoded on one core."""
 
 
 @dataclass(frozen=True, slots=True)
