@@ -13,7 +13,8 @@ from testing.sampling import examples
 from mdrive_sumo.contract import Detections
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.open_loop import DetectionCounts, compute_average_precision
-from mdrive_sumo.open_loop.detection_precision import MIN_IOU, compute_overlaps, match_frame
+from mdrive_sumo.open_loop.detection_precision import MIN_IOU, match_frame
+from mdrive_sumo.perception.box_iou import compute_ious
 
 CAR = (4.0, 2.0)
 
@@ -51,7 +52,7 @@ def test_overlap_of_turned_boxes() -> None:
     square = np.array([(0.0, 0.0, 0.0, 2.0, 2.0)])
     turned = np.array([(0.0, 0.0, math.pi / 4, 2.0, 2.0)])
     common = 8 * (math.sqrt(2) - 1)
-    assert compute_overlaps(square, turned)[0, 0] == pytest.approx(common / (8 - common))
+    assert compute_ious(square, turned)[0, 0] == pytest.approx(common / (8 - common))
 
 
 def slow_precision(frames: list[tuple[Float, list[float], Float]]) -> float:
