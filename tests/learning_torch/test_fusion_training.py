@@ -64,7 +64,8 @@ def test_better_weights_replace_worse_ones_only(frames: FusionFrames, judged: Fu
 
     monkeypatch.setattr(running, "compute_precision", measure)
     trainer = FusionTrainer("none", TrainingOptions(), CPU)
-    judge = running._BestWeights(trainer, judged, CPU, tmp_path)
+    monkeypatch.setattr(trainer, "settle", lambda *_: None)
+    judge = running._BestWeights(trainer, FrameStore(frames, CPU), judged, tmp_path)
     for step in (1, 2, 3):
         trainer.step = step
         judge.look(trainer.average.network)
@@ -112,6 +113,32 @@ def test_every_detector_learns_a_step(detector: str, frames: FusionFrames, tmp_p
     assert ("teacher" in parts) == (detector == "disconet") and torch.isfinite(parts["total"])
     still = [name for name, value in trainer.network.named_parameters() if torch.equal(value, before[name])]
     assert still == []
+
+
+def test_settled_statistics_are_those_of_the_batches(frames: FusionFrames) -> None:
+    trainer, store = FusionTrainer("none", TrainingOptions(batch=2), CPU), FrameStore(frames, CPU)
+    network, first = trainer.average.network, trainer.average.network.encoder.stem[0]
+    seen: list[torch.Tensor] = []
+    hook = first[0].register_forward_hook(lambda _, __, maps: seen.append(maps))
+    trainer.settle(network, store)
+    hook.remove()
+    assert len(seen) == 10 and not network.training and not first[1].training and first[1].momentum == 0.02
+    torch.testing.assert_close(first[1].running_mean, torch.stack([maps.mean(dim=(0, 2, 3)) for maps in seen]).mean(0))
+    torch.testing.assert_close(first[1].running_var, torch.stack([maps.var(dim=(0, 2, 3)) for maps in seen]).mean(0))
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    trainer.settle(network, store)
+    assert all(torch.equal(value, before[name]) for name, value in network.state_dict().items())
+
+
+def test_half_precision_has_nearly_the_same_losses(frames: FusionFrames) -> None:
+    losses = []
+    for uses_bfloat16 in (False, True):
+        trainer = FusionTrainer("cobevt", TrainingOptions(batch=1), CPU, is_gated=True)
+        trainer.uses_bfloat16 = uses_bfloat16
+        parts = trainer._take_step(FrameStore(frames, CPU), torch.ones(4), 0.0)
+        losses.append({name: float(part.detach()) for name, part in parts.items()})
+        assert all(bool(value.grad.isfinite().all()) for value in trainer.network.parameters() if value.grad is not None)
+    assert losses[1] == pytest.approx(losses[0], rel=0.05) and losses[1] != losses[0]
 
 
 def test_a_training_begins_with_encoder_and_head_of_another(tmp_path: Path) -> None:

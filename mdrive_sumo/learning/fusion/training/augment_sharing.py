@@ -81,5 +81,6 @@ def quantise(features: Tensor) -> Tensor:
 
     Each channel of a map has steps of its own, so that its greatest value takes the largest of 2**BITS levels.
     """
-    step = (features.amax(dim=(2, 3), keepdim=True) / (2**BITS - 1)).clamp(min=1e-6)
-    return features + (torch.round(features / step) * step - features).detach()
+    exact = features.detach().float()  # 6 bits of a quotient need more than the 8 bits of bfloat16
+    step = (exact.amax(dim=(2, 3), keepdim=True) / (2**BITS - 1)).clamp(min=1e-6)
+    return features + (torch.round(exact / step) * step - exact).to(features.dtype)

@@ -53,6 +53,7 @@ class FrameStore:
 
     def __init__(self, frames: FusionFrames, device: torch.device) -> None:
         self.device = device
+        self.frames = len(frames)
         # Indices take 27 bits: int32 holds them on devices where uint32 has few operations.
         self._cells = torch.from_numpy(frames.cells.view(np.int32)).to(device)
         self._starts = torch.from_numpy(frames.scan_starts).to(device)

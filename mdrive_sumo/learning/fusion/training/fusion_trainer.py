@@ -1,10 +1,10 @@
 """FusionTrainer: the training loop of all systems, with frames that are shared instead of drives."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from mdrive_sumo.agents.learned.fusion_spec import FEATURE_CELLS, FUSIONS, MAX_CAVS
 from mdrive_sumo.core.errors import InputError
@@ -20,6 +20,22 @@ from mdrive_sumo.learning.fusion.training.fusion_losses import (
 from mdrive_sumo.learning.training.checkpoint import Checkpoint, take_weights
 from mdrive_sumo.learning.training.trainer import Trainer
 from mdrive_sumo.learning.training.training_options import TrainingOptions
+
+SETTLED_BATCHES = 10
+"""Batches over which statistics of normalisation are measured anew; of 2 frames they already give the detector that
+statistics of the batch itself give."""
+
+
+class _Answered(NamedTuple):
+    """What a network answers of a batch, and what it should: boxes are mirrored as the frames are."""
+
+    answer: FusionAnswer
+    confidence: Tensor
+    """Logits of the own confidence, or of the merged scans."""
+    truth: TrueBoxes
+    """As the scans that the detector gets show them."""
+    own: TrueBoxes
+    """As the scans that the confidence is made of show them."""
 
 
 class FusionTrainer(Trainer):
@@ -47,6 +63,10 @@ class FusionTrainer(Trainer):
         super().__init__(detector, options, device, report, lambda name: FusionNetwork(name, is_gated))
         self.teacher = None if teacher is None else teacher.to(device).eval().requires_grad_(False)
         self.summary["is_gated"] = is_gated and detector in FUSIONS
+        self.uses_bfloat16 = device.type == "cuda"
+        # Frames have any number of senders: each batch of a fusion has a shape of its own, and cuDNN would search the
+        # fastest programs for each.
+        torch.backends.cudnn.benchmark = detector not in FUSIONS
 
     def begin_with(self, checkpoint: Checkpoint) -> None:
         """Take encoder and head of the averaged weights of any detector's checkpoint. Raises InputError."""
@@ -58,34 +78,71 @@ class FusionTrainer(Trainer):
             if checkpoint.system == self.system:
                 take_weights(network, checkpoint.average, self.system)
 
+    def settle(self, network: nn.Module, data: FrameStore) -> None:
+        """Measure a network's statistics of normalisation on frames of a training, drawn by seed and step.
+
+        Training normalises by each batch. Its running statistics are for evaluation, and neither fit averaged weights
+        nor, in the first hundreds of steps, any: most cells are empty and have variances of thousandths, while
+        statistics begin at 1 (Wu and Johnson 2021, "Rethinking 'Batch' in BatchNorm", section 3).
+        """
+        layers = [layer for layer in network.modules() if isinstance(layer, nn.BatchNorm2d)]
+        momenta = [layer.momentum for layer in layers]
+        for layer in layers:
+            layer.reset_running_stats()
+            layer.momentum = None  # the mean of all batches
+            layer.train()
+        generator = torch.Generator(self.device).manual_seed(self.options.seed + self.step)
+        with torch.no_grad():
+            for _ in range(SETTLED_BATCHES):
+                size = (self.options.batch,)
+                rows = torch.randint(data.frames, size, generator=generator, device=self.device)
+                self._answer(network, data, draw_sharing(data, rows, generator), rows, generator)
+        for layer, momentum in zip(layers, momenta, strict=True):
+            layer.momentum = momentum
+            layer.eval()
+
     def _compute_losses(self, data: Any, rows: Tensor) -> Mapping[str, Tensor]:
         assert isinstance(data, FrameStore)
         self.network.train()
         drawn = draw_sharing(data, rows, self.generator)
+        answered = self._answer(self.network, data, drawn, rows, self.generator)
+        parts = compute_detection_losses(answered.answer, answered.truth)
+        parts["confidence"] = compute_confidence_loss(answered.confidence, answered.own)
+        if self.teacher is not None:
+            parts["teacher"] = compute_teacher_loss(answered.answer.fused, self._teach(data, rows, drawn))
+        return sum_losses(parts)
+
+    def _answer(
+        self, network: Any, data: FrameStore, drawn: DrawnFrames, rows: Tensor, generator: torch.Generator
+    ) -> _Answered:
         sharing = drawn.sharing if self.system != "none" else _keep_own(drawn.sharing)
         truth = data.take_boxes(rows, sharing.scan >= 0)
         own = data.take_boxes(rows, (sharing.scan >= 0) & (torch.arange(MAX_CAVS, device=self.device) == 0))
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.device.type == "cuda"):
+        with self._autocast():
             if self.system in FUSIONS:
-                answer, confidence, boxes = self._answer_shared(data, sharing, drawn, truth)
+                answer, confidence, boxes = self._answer_shared(network, data, sharing, drawn, truth, generator)
             else:
-                answer, confidence, boxes = self._answer_one_grid(data, sharing, drawn, truth)
-            taught = self._teach(data, rows, drawn) if self.teacher is not None else None
-        parts = compute_detection_losses(answer, _replace_boxes(truth, boxes))
+                answer, confidence, boxes = self._answer_one_grid(network, data, sharing, drawn, truth)
         seen = own if self.system in FUSIONS else truth
-        parts["confidence"] = compute_confidence_loss(confidence, _replace_boxes(seen, boxes))
-        if taught is not None:
-            parts["teacher"] = compute_teacher_loss(answer.fused, taught)
-        return sum_losses(parts)
+        return _Answered(answer, confidence, _replace_boxes(truth, boxes), _replace_boxes(seen, boxes))
+
+    def _autocast(self) -> torch.autocast:
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.uses_bfloat16)
 
     def _answer_shared(
-        self, data: FrameStore, sharing: Sharing, drawn: DrawnFrames, truth: TrueBoxes
+        self,
+        network: Any,
+        data: FrameStore,
+        sharing: Sharing,
+        drawn: DrawnFrames,
+        truth: TrueBoxes,
+        generator: torch.Generator,
     ) -> tuple[FusionAnswer, Tensor, Tensor]:
         """Return answer, logits of the own confidence and mirrored boxes of a fusion."""
         frame, car = torch.nonzero(sharing.scan >= 0, as_tuple=True)
         grids = data.build_grids(sharing.scan[frame, car])
         grids, pose, boxes = mirror(grids, sharing.pose, truth.boxes, drawn.is_mirrored, frame)
-        features, confidence = self.network.encoder(grids.contiguous(memory_format=torch.channels_last))
+        features, confidence = network.encoder(grids.contiguous(memory_format=torch.channels_last))
         is_sender = (car > 0)[:, None, None, None]
         features = torch.where(is_sender, quantise(features), features)
         shape = len(sharing.scan), MAX_CAVS
@@ -93,17 +150,17 @@ class FusionTrainer(Trainer):
         maps[frame, car] = features
         sure = confidence.detach().new_zeros((*shape, FEATURE_CELLS, FEATURE_CELLS))
         sure[frame, car] = torch.sigmoid(confidence.detach())
-        arrived = draw_arrived(sure, sharing.scan >= 0, drawn.is_perfect, self.generator)
-        answer = self.network(maps * arrived[:, :, None], arrived, pose, sharing.age_s)
+        arrived = draw_arrived(sure, sharing.scan >= 0, drawn.is_perfect, generator)
+        answer = network(maps * arrived[:, :, None], arrived, pose, sharing.age_s)
         return answer, confidence[car == 0], boxes
 
     def _answer_one_grid(
-        self, data: FrameStore, sharing: Sharing, drawn: DrawnFrames, truth: TrueBoxes
+        self, network: Any, data: FrameStore, sharing: Sharing, drawn: DrawnFrames, truth: TrueBoxes
     ) -> tuple[FusionAnswer, Tensor, Tensor]:
         """The same of `none` and `early`."""
-        features, confidence, boxes = self._encode_merged(self.network, data, sharing, drawn, truth.boxes)
+        features, confidence, boxes = self._encode_merged(network, data, sharing, drawn, truth.boxes)
         ones = features.new_ones((len(features), 1, FEATURE_CELLS, FEATURE_CELLS))
-        answer = self.network(features[:, None], ones, sharing.pose[:, :1], sharing.age_s[:, :1])
+        answer = network(features[:, None], ones, sharing.pose[:, :1], sharing.age_s[:, :1])
         return answer, confidence, boxes
 
     def _teach(self, data: FrameStore, rows: Tensor, drawn: DrawnFrames) -> Tensor:
@@ -112,7 +169,7 @@ class FusionTrainer(Trainer):
         perfect = data.share(rows, torch.zeros_like(drawn.sharing.scan), torch.zeros_like(drawn.is_perfect))
         perfect = Sharing(torch.where(drawn.sharing.scan >= 0, perfect.scan, -1), perfect.pose, perfect.age_s)
         boxes = perfect.pose.new_zeros((len(rows), 1, 5))
-        with torch.no_grad():
+        with torch.no_grad(), self._autocast():
             return self._encode_merged(self.teacher, data, perfect, drawn, boxes)[0]
 
     def _encode_merged(

@@ -76,8 +76,9 @@ def run_fusion_training(run: FusionRun, report: Callable[[str], object]) -> Path
         "device": torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU",
         "torch": str(torch.__version__),
     }
-    judge = _BestWeights(trainer, run.validation, device, run.folder)
-    trainer.train(FrameStore(run.data, device), np.ones(len(run.data)), run.folder, judge.look)
+    data = FrameStore(run.data, device)
+    judge = _BestWeights(trainer, data, run.validation, run.folder)
+    trainer.train(data, np.ones(len(run.data)), run.folder, judge.look)
     judge.look(trainer.average.network)
     trainer.save(run.folder)
     best = trainer.summary["best"]
@@ -121,16 +122,18 @@ def _check_resumed(path: Path, before: Mapping[str, Any], run: FusionRun) -> Non
 class _BestWeights:
     """Measures the averaged network and keeps the weights that are best so far, also over a resumed run."""
 
-    def __init__(self, trainer: FusionTrainer, frames: FusionFrames, device: torch.device, folder: Path) -> None:
+    def __init__(self, trainer: FusionTrainer, data: FrameStore, frames: FusionFrames, folder: Path) -> None:
         self._trainer = trainer
+        self._data = data
         rows = np.linspace(0, len(frames) - 1, min(MAX_JUDGED, len(frames))).astype(np.int64)
         self._frames = take_frames(frames, rows)
-        self._store = FrameStore(self._frames, device)
+        self._store = FrameStore(self._frames, trainer.device)
         self._folder = folder
 
     def look(self, network: nn.Module) -> Mapping[str, float]:
         """Return average precisions by condition, for the curves; write BEST_NAME if their mean is the highest."""
         assert isinstance(network, FusionNetwork)
+        self._trainer.settle(network, self._data)
         precision = {
             f"validation/{condition.name}": self._measure(network, condition)
             for condition in CONDITIONS
