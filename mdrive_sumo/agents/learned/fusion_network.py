@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 Float32 = npt.NDArray[np.float32]
 _CELLS = [FEATURE_CELLS, FEATURE_CELLS]
-ENCODER_INPUTS: Mapping[str, str] = MappingProxyType({"grid": f"uint8 {[1, GRID_LAYERS, GRID_CELLS, GRID_CELLS]}"})
+ENCODER_INPUTS: Mapping[str, str] = MappingProxyType({"grid": f"float32 {[1, GRID_LAYERS, GRID_CELLS, GRID_CELLS]}"})
 ENCODER_OUTPUTS: Mapping[str, str] = MappingProxyType(
     {"features": f"float32 {[1, FEATURE_CHANNELS, *_CELLS]}", "confidence": f"float32 {[1, *_CELLS]}"}
 )

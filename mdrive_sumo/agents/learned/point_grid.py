@@ -48,10 +48,13 @@ def _index_points(points: npt.NDArray[np.float32]) -> npt.NDArray[np.int32]:
     return (layer * GRID_CELLS + row[inside].astype(np.int32)) * GRID_CELLS + column[inside].astype(np.int32)
 
 
-def expand_cells(cells: Cells) -> npt.NDArray[np.uint8]:
-    """Return the grid (GRID_LAYERS, GRID_CELLS, GRID_CELLS) of occupied cells."""
-    grid = np.zeros(GRID_SIZE, np.uint8)
-    grid[cells >> 8] = cells & 255
+_LOG_COUNTS = portable.log(1.0 + np.arange(MAX_COUNT + 1)).astype(np.float32)
+
+
+def expand_cells(cells: Cells) -> npt.NDArray[np.float32]:
+    """Return the grid (GRID_LAYERS, GRID_CELLS, GRID_CELLS) of occupied cells: ln(1 + count), what networks take."""
+    grid = np.zeros(GRID_SIZE, np.float32)
+    grid[cells >> 8] = _LOG_COUNTS[cells & 255]  # in a network, logarithms of all cells would take 1.5 ms
     return grid.reshape(GRID_LAYERS, GRID_CELLS, GRID_CELLS)
 
 

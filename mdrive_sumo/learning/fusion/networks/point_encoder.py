@@ -33,12 +33,12 @@ class PointEncoder(nn.Module):
         nn.init.constant_(self.confidence.bias, RARE_LOGIT)
 
     def forward(self, grid: Tensor) -> tuple[Tensor, Tensor]:
-        """Encode point grids (M, GRID_LAYERS, GRID_CELLS, GRID_CELLS), counts as bytes or floats.
+        """Encode point grids (M, GRID_LAYERS, GRID_CELLS, GRID_CELLS), ln(1 + count) as `expand_cells` has them.
 
         Returns features (M, FEATURE_CHANNELS, FEATURE_CELLS, FEATURE_CELLS), none below 0 so that empty cells cost no
         bytes, and logits (M, FEATURE_CELLS, FEATURE_CELLS) that a road user's centre is there.
         """
-        fine = self.fine(self.stem(torch.log1p(grid.to(torch.float32))))
+        fine = self.fine(self.stem(grid))
         raised = functional.interpolate(self.coarse(fine), scale_factor=2.0, mode="nearest")
         features = self.narrow(self.merge(fine + raised))
         return features, self.confidence(features)[:, 0]

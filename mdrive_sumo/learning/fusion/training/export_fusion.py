@@ -133,7 +133,7 @@ def _make_grid() -> dict[str, Tensor]:
     random = torch.Generator().manual_seed(0)
     shape = 1, GRID_LAYERS, GRID_CELLS, GRID_CELLS
     counts = torch.randint(1, 20, shape, generator=random)
-    return {"grid": (counts * (torch.rand(shape, generator=random) < 0.1)).to(torch.uint8)}
+    return {"grid": torch.log1p(counts * (torch.rand(shape, generator=random) < 0.1))}
 
 
 def _make_frame(cars: int, is_fusion: bool) -> dict[str, Tensor]:

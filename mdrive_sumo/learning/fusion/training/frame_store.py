@@ -89,10 +89,10 @@ class FrameStore:
         )
 
     def build_grids(self, scans: Tensor) -> Tensor:
-        """Return the grids (M, GRID_LAYERS, GRID_CELLS, GRID_CELLS) of scans (M,), float32 counts."""
+        """Return the grids (M, GRID_LAYERS, GRID_CELLS, GRID_CELLS) of scans (M,), ln(1 + count)."""
         which, cell, count = self._gather(scans)
         grids = torch.zeros(len(scans) * GRID_SIZE, device=self.device)
-        grids[which * GRID_SIZE + cell] = count
+        grids[which * GRID_SIZE + cell] = torch.log1p(count)
         return grids.reshape(-1, GRID_LAYERS, GRID_CELLS, GRID_CELLS)
 
     def build_merged_grids(self, sharing: Sharing) -> Tensor:
@@ -110,7 +110,7 @@ class FrameStore:
         index = frame[which] * GRID_SIZE + (layer * GRID_CELLS + row) * GRID_CELLS + column
         grids = torch.zeros(len(sharing.scan) * GRID_SIZE, device=self.device)
         grids.index_add_(0, index[inside], count[inside])
-        return grids.clamp_(max=MAX_COUNT).reshape(-1, GRID_LAYERS, GRID_CELLS, GRID_CELLS)
+        return grids.clamp_(max=MAX_COUNT).log1p_().reshape(-1, GRID_LAYERS, GRID_CELLS, GRID_CELLS)
 
     def _gather(self, scans: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return, for each occupied cell of scans (M,): which scan (of the M), index of the cell, count."""
