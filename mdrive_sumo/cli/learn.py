@@ -8,6 +8,9 @@ import click
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli.learn_data import command as data_command
 from mdrive_sumo.cli.learn_demonstrations import command as demonstrations_command
+from mdrive_sumo.cli.learn_detectors import evaluate_command as evaluate_detectors_command
+from mdrive_sumo.cli.learn_detectors import export_command as export_detector_command
+from mdrive_sumo.cli.learn_detectors import train_command as train_detector_command
 from mdrive_sumo.cli.learn_train import command as train_command
 from mdrive_sumo.cli.options import workers_option
 from mdrive_sumo.core.output_files import make_parents, write_text
@@ -88,9 +91,15 @@ def export_command(system: str, checkpoint: Path, out: Path, data: tuple[Path, .
     )
 
 
-command = click.Group("learn", help="Train systems that see through cameras: data, training, evaluation, export.")
+command = click.Group(
+    "learn",
+    help="Train systems that see through cameras, and detectors that share: data, training, evaluation, export.",
+)
 command.add_command(data_command)
 command.add_command(demonstrations_command)
 command.add_command(train_command)
 command.add_command(evaluate_command)
 command.add_command(export_command)
+command.add_command(train_detector_command)
+command.add_command(export_detector_command)
+command.add_command(evaluate_detectors_command)

@@ -103,7 +103,9 @@ def test_grids_on_the_device_are_those_of_numpy(frames: FusionFrames) -> None:
     shared = choose_scans(frames, CONDITIONS[1])
     merged = store.build_merged_grids(store.to_sharing(shared, slice(1, 2)))[0].numpy()
     expected = expand_cells(merge_cells([frames.get_scan(i) for i in shared.scan[1, :3]], shared.pose[1, :3]))
-    assert (~np.isclose(merged, expected)).mean() < 1e-5 and merged.sum() > 0  # single and double precision differ on edges
+    assert (
+        ~np.isclose(merged, expected)
+    ).mean() < 1e-5 and merged.sum() > 0  # single and double precision differ on edges
 
 
 def test_mirrored_frames_are_consistent(frames: FusionFrames) -> None:

@@ -13,7 +13,14 @@ import numpy as np
 from mdrive_sumo.agents.learned.box_decoding import DetectedBoxes
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int
-from mdrive_sumo.core.statistics import Label, ResampledMean, count_effective, draw_nested_counts, sum_resamples
+from mdrive_sumo.core.statistics import (
+    Counts,
+    Label,
+    ResampledMean,
+    count_effective,
+    draw_nested_counts,
+    sum_resamples,
+)
 from mdrive_sumo.learning.fusion.frames import FusionFrames
 from mdrive_sumo.open_loop.detection_precision import SCORE_STEPS, integrate_precision, match_boxes
 from mdrive_sumo.perception.box_iou import compute_ious
@@ -76,11 +83,22 @@ class PrecisionCounts:
             return None
         counts = draw_nested_counts(self.labels)[: 1 + RESAMPLES_OF_AP]
         scores = np.flatnonzero(self.found.any(axis=0))  # the others change nothing
-        arrays = self.true[:, scores], self.found[:, scores], self.truths
-        sums = [sum_resamples(counts, each.astype(np.float64)) for each in arrays]
-        values = integrate_precision(*sums)
+        true, found = (_sum_drives(counts, each[:, scores]) for each in (self.true, self.found))
+        values = integrate_precision(true, found, sum_resamples(counts, self.truths.astype(np.float64)))
         units = len({label[0] for label in self.labels})
         return ResampledMean(float(values[0]), values[1:], units, count_effective(self.labels))
+
+
+def _sum_drives(counts: Counts, histograms: Int) -> Float:
+    """Return the sums (R, K) of histograms (U, K) of drives, of which drive u counts `counts[r, u]` times.
+
+    Most of a histogram is 0, so this takes a tenth of the time of `sum_resamples`. Sums of whole numbers are exact.
+    """
+    sums = np.zeros((histograms.shape[1], len(counts)))
+    for column, histogram in zip(counts.T, histograms, strict=True):
+        bins = np.flatnonzero(histogram)
+        sums[bins] += np.multiply.outer(histogram[bins], column.astype(np.int64))
+    return sums.T
 
 
 def count_detections(

@@ -2,7 +2,8 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -56,13 +57,19 @@ class TrainingRun:
 
 def run_training(run: TrainingRun, report: Report) -> Path:
     """Train, validate and return the path of the checkpoint. Raises InputError."""
-    try:
+    with report_small_memory(run.system, run.options.batch, run.folder / WEIGHTS_NAME):
         return _run(run, report)
+
+
+@contextmanager
+def report_small_memory(system: str, batch: int, weights: Path) -> Iterator[None]:
+    """Raise InputError where a batch does not fit on the GPU. weights: what another training can begin with."""
+    try:
+        yield
     except torch.cuda.OutOfMemoryError:
-        batch = run.options.batch
         raise InputError(
-            f"training {run.system}: the GPU's memory is too small for a batch of {batch}: give --batch"
-            f" {max(1, batch // 2)} and another --out, and --init {run.folder / WEIGHTS_NAME} if that was written"
+            f"training {system}: the GPU's memory is too small for a batch of {batch}: give --batch"
+            f" {max(1, batch // 2)} and another --out, and --init {weights} if that was written"
         ) from None
 
 

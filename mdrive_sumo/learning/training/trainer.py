@@ -43,6 +43,9 @@ class _Session:
     began: float
     saved: float
     told: float
+    timed_step: int
+    """Step from which, and at `timed` the time from which, the rate that is told is measured."""
+    timed: float
     losses: dict[str, float] = field(default_factory=dict[str, float])
     parts: Mapping[str, Tensor] = field(default_factory=dict[str, Tensor])
     """Losses of the last step, on the device."""
@@ -120,7 +123,10 @@ class Trainer:
         with a new checkpoint. The first step does not count as time.
         """
         now = time.monotonic()
-        session = _Session(folder, TrainingCurves(folder, self.step), now - self.elapsed_s, saved=now, told=now)
+        session = _Session(
+            folder, TrainingCurves(folder, self.step), now - self.elapsed_s, saved=now, told=now, timed_step=self.step,
+            timed=now,
+        )  # fmt: skip
         drawn = torch.from_numpy(shares).to(self.device)
         glances = int(self.options.find_progress(self.step, self.elapsed_s) * GLANCES)
         with DeferredInterrupt() as interrupt:
@@ -132,6 +138,7 @@ class Trainer:
                 if glance is not None and int(progress * GLANCES) > glances:
                     glances = int(progress * GLANCES)
                     session.curves.add(self.step, glance(self.average.network))
+                    session.timed_step, session.timed = self.step, time.monotonic()
                 if time.monotonic() - session.saved > self.options.save_every_s:
                     self._check(session.parts, folder)
                     self.save(folder)
@@ -146,6 +153,7 @@ class Trainer:
         if not session.losses:  # the first step loads and chooses the GPU's programs: 10 s on a busy machine
             session.losses = self._check(session.parts, session.folder)
             session.began = time.monotonic() - self.elapsed_s
+            session.timed_step, session.timed = self.step, time.monotonic()
         self.elapsed_s = time.monotonic() - session.began
 
     def _tell_progress(self, session: _Session, progress: float) -> None:
@@ -154,7 +162,9 @@ class Trainer:
             return
         session.losses, session.told = self._check(session.parts, session.folder), time.monotonic()
         parts = "  ".join(f"{name} {value:.3f}" for name, value in session.losses.items())
-        self._report(f"step {self.step} ({progress:.0%}, {self.elapsed_s:.0f} s): {parts}")
+        rate = (self.step - session.timed_step) * self.options.batch / max(time.monotonic() - session.timed, 1e-3)
+        told_rate = f", {rate:.1f} samples/s" if self.step > session.timed_step else ""
+        self._report(f"step {self.step} ({progress:.0%}, {self.elapsed_s:.0f} s{told_rate}): {parts}")
         if is_logged:
             session.curves.add(self.step, {f"loss/{name}": value for name, value in session.losses.items()})
 

@@ -1,6 +1,5 @@
 """PointEncoder: a point grid to a map of features in the car's own frame, and how confident it is where."""
 
-import torch
 from torch import Tensor, nn
 from torch.nn import functional
 

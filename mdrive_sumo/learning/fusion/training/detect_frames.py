@@ -40,9 +40,9 @@ def detect_frames(
 def answer_frames(network: FusionNetwork, store: FrameStore, sharing: Sharing) -> FusionAnswer:
     """Return what a network in evaluation mode answers of what is shared; all tiles arrive."""
     if network.detector == "early":
-        return _answer_own(network, store.build_merged_grids(sharing))
+        return answer_own(network, store.build_merged_grids(sharing))
     if network.detector not in FUSIONS:
-        return _answer_own(network, store.build_grids(sharing.scan[:, 0]))
+        return answer_own(network, store.build_grids(sharing.scan[:, 0]))
     frame, car = torch.nonzero(sharing.scan >= 0, as_tuple=True)
     features, _ = network.encoder(store.build_grids(sharing.scan[frame, car]))
     dense = features.new_zeros((len(sharing.scan), MAX_CAVS, *features.shape[1:]))
@@ -51,7 +51,8 @@ def answer_frames(network: FusionNetwork, store: FrameStore, sharing: Sharing) -
     return network(dense, arrived, sharing.pose, sharing.age_s)
 
 
-def _answer_own(network: FusionNetwork, grids: Tensor) -> FusionAnswer:
+def answer_own(network: FusionNetwork, grids: Tensor) -> FusionAnswer:
+    """Return what a network without fusion answers of grids (M, ...)."""
     features, _ = network.encoder(grids)
     ones = features.new_ones((len(features), 1, FEATURE_CELLS, FEATURE_CELLS))
     return network(features[:, None], ones, features.new_zeros((len(features), 1, 3)), ones[:, :, 0, 0])
@@ -65,7 +66,7 @@ def decode_answer(answer: FusionAnswer) -> list[DetectedBoxes]:
 
 def _detect_late(network: FusionNetwork, store: FrameStore, sharing: Sharing) -> list[DetectedBoxes]:
     frame, car = torch.nonzero(sharing.scan >= 0, as_tuple=True)
-    single = decode_answer(_answer_own(network, store.build_grids(sharing.scan[frame, car])))
+    single = decode_answer(answer_own(network, store.build_grids(sharing.scan[frame, car])))
     frames, poses = frame.cpu().numpy(), sharing.pose[frame, car].cpu().numpy()
     rows = [np.flatnonzero(frames == i) for i in range(len(sharing.scan))]
     return [merge_boxes([single[row] for row in each], poses[each]) for each in rows]

@@ -7,7 +7,6 @@ import torch
 from torch import Tensor, nn
 
 from mdrive_sumo.agents.learned.fusion_spec import FEATURE_CELLS, FUSIONS, MAX_CAVS
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.fusion.networks.fusion_network import FusionAnswer, FusionNetwork
 from mdrive_sumo.learning.fusion.training.augment_sharing import DrawnFrames, draw_arrived, draw_sharing, quantise
 from mdrive_sumo.learning.fusion.training.frame_store import FrameStore, Sharing, TrueBoxes, mirror
@@ -21,9 +20,8 @@ from mdrive_sumo.learning.training.checkpoint import Checkpoint, take_weights
 from mdrive_sumo.learning.training.trainer import Trainer
 from mdrive_sumo.learning.training.training_options import TrainingOptions
 
-SETTLED_BATCHES = 10
-"""Batches over which statistics of normalisation are measured anew; of 2 frames they already give the detector that
-statistics of the batch itself give."""
+SETTLED_BATCHES = 5
+"""Batches over which statistics of normalisation are measured anew: each has a million cells or more."""
 
 
 class _Answered(NamedTuple):
@@ -53,13 +51,8 @@ class FusionTrainer(Trainer):
     ) -> None:
         """Build a detector with fresh weights. teacher: a trained `early`, which `disconet` needs and no other gets.
 
-        Raises InputError for a detector without weights, and for a teacher that is missing or not wanted.
+        Raises InputError for a detector without weights.
         """
-        if (teacher is not None) != (detector == "disconet") or (teacher is not None and teacher.detector != "early"):
-            wanted = "a trained 'early' as its teacher" if detector == "disconet" else "no teacher"
-            raise InputError(
-                f"training {detector}: expected {wanted}, found {'none' if teacher is None else repr(teacher.detector)}"
-            )
         super().__init__(detector, options, device, report, lambda name: FusionNetwork(name, is_gated))
         self.teacher = None if teacher is None else teacher.to(device).eval().requires_grad_(False)
         self.summary["is_gated"] = is_gated and detector in FUSIONS

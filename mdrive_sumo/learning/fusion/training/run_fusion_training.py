@@ -27,7 +27,7 @@ from mdrive_sumo.learning.training.checkpoint import (
     load_whole_checkpoint,
     save_checkpoint,
 )
-from mdrive_sumo.learning.training.run_training import find_device
+from mdrive_sumo.learning.training.run_training import find_device, report_small_memory
 from mdrive_sumo.learning.training.training_options import TrainingOptions
 
 BEST_NAME = "best.pt"
@@ -62,10 +62,35 @@ class FusionRun:
     """Where the data comes from, for the summary."""
 
 
+def find_best_weights(path: Path, option: str) -> Path:
+    """Return the checkpoint that an option names: a file, or the best weights in the folder of a training.
+
+    Raises InputError for none.
+    """
+    file = path / BEST_NAME if path.is_dir() else path
+    if not file.is_file():
+        raise InputError(f"{option} {file}: expected a checkpoint of `learn train-detector`, found no file")
+    return file
+
+
+def check_teacher(detector: str, teacher: Path | None) -> None:
+    """Raise InputError unless `disconet`, and no other detector, has a teacher."""
+    if detector == "disconet" and teacher is None:
+        raise InputError("training disconet: expected --teacher with a trained 'early', found none")
+    if detector != "disconet" and teacher is not None:
+        raise InputError(f"training {detector}: expected no --teacher, which only disconet has, found {teacher}")
+
+
 def run_fusion_training(run: FusionRun, report: Callable[[str], object]) -> Path:
     """Train a detector and return the path of its best weights. Raises InputError."""
+    with report_small_memory(run.detector, run.options.batch, run.folder / BEST_NAME):
+        return _run(run, report)
+
+
+def _run(run: FusionRun, report: Callable[[str], object]) -> Path:
     check_places_differ(run.data, run.validation, "validation")
     device = find_device(run.device)
+    check_teacher(run.detector, run.teacher)
     teacher = None if run.teacher is None else build_trained_network(load_checkpoint(run.teacher, "early"))
     trainer = FusionTrainer(run.detector, run.options, device, report, is_gated=run.is_gated, teacher=teacher)
     _prepare(trainer, run, report)
