@@ -119,8 +119,8 @@ def _train(detector: str, data: tuple[Path, ...], val: tuple[Path, ...], out: Pa
     )  # fmt: skip
     run = FusionRun(
         detector=detector, options=training, device=options["device"], folder=out, data=_read(data),
-        validation=_read(val), is_gated=options["is_gated"] and detector in FUSIONS, is_resumed=options["resume"], initial=initial,
-        teacher=teacher, sources=tuple(map(str, data)),
+        validation=_read(val), is_gated=options["is_gated"] and detector in FUSIONS, is_resumed=options["resume"],
+        initial=initial, teacher=teacher, sources=tuple(map(str, data)),
     )  # fmt: skip
     path = run_fusion_training(run, echo)
     echo(f"{path}  `learn export-detector {detector} --checkpoint {out} --out DIR` makes weights to drive with")

@@ -17,6 +17,7 @@ from mdrive_sumo.learning.fusion.training.detect_frames import detect_frames
 from mdrive_sumo.learning.fusion.training.frame_store import FrameStore
 from mdrive_sumo.learning.fusion.training.fusion_trainer import FusionTrainer
 from mdrive_sumo.learning.fusion.training.run_fusion_training import BEST_NAME, FusionRun, run_fusion_training
+from mdrive_sumo.learning.training import trainer as training
 from mdrive_sumo.learning.training.checkpoint import load_checkpoint
 from mdrive_sumo.learning.training.training_curves import read_curves
 from mdrive_sumo.learning.training.training_options import TrainingOptions
@@ -41,18 +42,16 @@ def make_run(
     return FusionRun(detector, options, "cpu", folder, frames, judged)
 
 
-def test_the_loss_falls_and_the_best_weights_are_kept(
+def test_the_best_weights_are_kept_and_the_rate_is_told(
     frames: FusionFrames, judged: FusionFrames, tmp_path: Path
 ) -> None:
     told: list[str] = []
-    best = run_fusion_training(make_run(frames, judged, tmp_path, steps=12), told.append)
+    best = run_fusion_training(make_run(frames, judged, tmp_path, steps=2), told.append)
     rows = read_curves(tmp_path / "curves.csv")
-    losses = [value for _, name, value in rows if name == "loss/total"]
-    assert sum(losses[-3:]) < 0.7 * sum(losses[:3])
     assert {"validation/clean", "validation/0.2 m, 100 ms"} <= {name for _, name, _ in rows}
     kept = load_checkpoint(best, "none")
-    assert kept.summary["best"]["step"] <= 12 and kept.summary["frames"] == 4
-    assert told[-1].startswith("none: best average precision of validation")
+    assert kept.summary["best"]["step"] <= 2 and kept.summary["frames"] == 4
+    assert "samples/s): centre" in told[1] and told[-1].startswith("none: best average precision of validation")
 
 
 def test_better_weights_replace_worse_ones_only(frames: FusionFrames, judged: FusionFrames, tmp_path: Path,
@@ -73,7 +72,10 @@ def test_better_weights_replace_worse_ones_only(frames: FusionFrames, judged: Fu
     assert trainer.summary["best"] == {"precision": 0.5, "step": 2}
 
 
-def test_an_interrupted_run_ends_with_the_same_bits(frames: FusionFrames, judged: FusionFrames, tmp_path: Path) -> None:
+def test_an_interrupted_run_ends_with_the_same_bits(
+    frames: FusionFrames, judged: FusionFrames, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(training, "GLANCES", 2)
     run = make_run(frames, judged, tmp_path / "whole", "fcooper", steps=4)
     run_fusion_training(run, str)
 

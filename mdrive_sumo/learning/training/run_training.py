@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -62,7 +62,7 @@ def run_training(run: TrainingRun, report: Report) -> Path:
 
 
 @contextmanager
-def report_small_memory(system: str, batch: int, weights: Path) -> Iterator[None]:
+def report_small_memory(system: str, batch: int, weights: Path) -> Generator[None]:
     """Raise InputError where a batch does not fit on the GPU. weights: what another training can begin with."""
     try:
         yield
