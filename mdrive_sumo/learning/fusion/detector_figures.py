@@ -15,11 +15,13 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_folder, write_bytes
 from mdrive_sumo.core.statistics import ResampledMean
-from mdrive_sumo.learning.fusion.average_precision import count_detections
+from mdrive_sumo.learning.fusion.average_precision import GROUPS, count_detections
+from mdrive_sumo.learning.fusion.conditions import CONDITIONS
 from mdrive_sumo.learning.fusion.frames import FusionFrames
 
 FORMAT = "mdrive-sumo detector figures 1"
 MIN_IOUS = (0.5, 0.7)
+CLEAN = CONDITIONS[0].name
 SUFFIX = ".figures.npz"
 _NPZ_ERRORS = (zipfile.BadZipFile, ValueError, OSError, EOFError, KeyError, TypeError)
 
@@ -48,10 +50,12 @@ class DetectorFigures:
     """By channel or budget: bytes of a map, and what arrived."""
 
     def add(self, frames: FusionFrames, condition: str, found: Sequence[DetectedBoxes]) -> None:
-        """Measure the boxes found in all frames under a condition."""
+        """Measure the boxes found in all frames under a condition; groups of boxes in the clean one only."""
+        groups = tuple(GROUPS) if condition == CLEAN else ("all",)
         for min_iou in MIN_IOUS:
-            for group, counts in count_detections(frames, found, min_iou).items():
-                if (value := counts.resample()) is not None:
+            counts = count_detections(frames, found, min_iou)
+            for group in groups:
+                if (value := counts[group].resample()) is not None:
                     self.precisions[FigureKey(condition, min_iou, group)] = value
 
     def repeat(self, condition: str, like: str) -> None:

@@ -26,13 +26,12 @@ from mdrive_sumo.core.tables import (
 )
 from mdrive_sumo.learning.fusion.average_precision import GROUPS
 from mdrive_sumo.learning.fusion.conditions import CONDITIONS
-from mdrive_sumo.learning.fusion.detector_figures import MIN_IOUS, DetectorFigures, FigureKey
+from mdrive_sumo.learning.fusion.detector_figures import CLEAN, MIN_IOUS, DetectorFigures, FigureKey
 from mdrive_sumo.learning.fusion.sharing_channels import BUDGETS, CHANNELS
 
 FORMAT = "mdrive-sumo/detectors/1"
 ORDER = (*BOUNDS, *FUSIONS)
 BASE = "none"
-CLEAN = CONDITIONS[0].name
 Figures = Mapping[str, DetectorFigures]
 HOW_TO_READ = f"""\
 Average precision (percent) of vehicles, at all points of the curve, sorted over the whole set, over the boxes on which

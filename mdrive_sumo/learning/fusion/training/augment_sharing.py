@@ -21,6 +21,7 @@ MISSING_SHARE = 0.1
 """Of senders."""
 BITS = 6
 """Of a quantised feature, as messages have by default."""
+LEVELS = (1 << BITS) - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,8 @@ def draw_arrived(confidence: Tensor, is_there: Tensor, is_perfect: Tensor, gener
     frames, cars = is_there.shape
     device = confidence.device
     peaks = torch.nn.functional.max_pool2d(confidence, TILE_CELLS).flatten(2)  # (F, N, tiles)
-    rank = peaks.argsort(dim=2, descending=True, stable=True).argsort(dim=2)
+    order = torch.sort(peaks, dim=2, descending=True, stable=True).indices
+    rank = torch.sort(order, dim=2).indices
     draws = torch.rand((frames, cars, 3), generator=generator, device=device)
     tiles = TILE_ROWS * TILE_ROWS
     budget = torch.where(draws[..., 0] < 0.5, FEWEST_TILES + draws[..., 1] * (tiles - FEWEST_TILES), tiles)
@@ -79,8 +81,8 @@ def draw_arrived(confidence: Tensor, is_there: Tensor, is_perfect: Tensor, gener
 def quantise(features: Tensor) -> Tensor:
     """Return features (M, C, H, W) in the steps of a message; the gradient passes as if they were not rounded.
 
-    Each channel of a map has steps of its own, so that its greatest value takes the largest of 2**BITS levels.
+    Each channel of a map has steps of its own, so that its greatest value takes the largest of LEVELS + 1 levels.
     """
     exact = features.detach().float()  # 6 bits of a quotient need more than the 8 bits of bfloat16
-    step = (exact.amax(dim=(2, 3), keepdim=True) / (2**BITS - 1)).clamp(min=1e-6)
+    step = (exact.amax(dim=(2, 3), keepdim=True) / LEVELS).clamp(min=1e-6)
     return features + (torch.round(exact / step) * step - exact).to(features.dtype)
