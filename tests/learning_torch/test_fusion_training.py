@@ -54,6 +54,10 @@ def test_the_best_weights_are_kept_and_the_rate_is_told(
     assert "samples/s): centre" in told[1] and told[-1].startswith("none: best average precision of validation")
 
 
+def do_nothing(*_: object) -> None:
+    """Stands for what a test does not need."""
+
+
 def test_better_weights_replace_worse_ones_only(frames: FusionFrames, judged: FusionFrames, tmp_path: Path,
                                                 monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
     values = iter((0.2, 0.2, 0.5, 0.5, 0.3, 0.3))
@@ -63,7 +67,7 @@ def test_better_weights_replace_worse_ones_only(frames: FusionFrames, judged: Fu
 
     monkeypatch.setattr(running, "compute_precision", measure)
     trainer = FusionTrainer("none", TrainingOptions(), CPU)
-    monkeypatch.setattr(trainer, "settle", lambda *_: None)
+    monkeypatch.setattr(FusionTrainer, "settle", do_nothing)
     judge = running._BestWeights(trainer, FrameStore(frames, CPU), judged, tmp_path)
     for step in (1, 2, 3):
         trainer.step = step
@@ -121,7 +125,11 @@ def test_settled_statistics_are_those_of_the_batches(frames: FusionFrames) -> No
     trainer, store = FusionTrainer("none", TrainingOptions(batch=2), CPU), FrameStore(frames, CPU)
     network, first = trainer.average.network, trainer.average.network.encoder.stem[0]
     seen: list[torch.Tensor] = []
-    hook = first[0].register_forward_hook(lambda _, __, maps: seen.append(maps))
+
+    def keep(_: torch.nn.Module, __: object, maps: torch.Tensor) -> None:
+        seen.append(maps)
+
+    hook = first[0].register_forward_hook(keep)
     trainer.settle(network, store)
     hook.remove()
     assert len(seen) == 5 and not network.training and not first[1].training and first[1].momentum == 0.02

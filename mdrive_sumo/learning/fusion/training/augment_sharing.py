@@ -81,7 +81,7 @@ def draw_arrived(confidence: Tensor, is_there: Tensor, is_perfect: Tensor, gener
 def quantise(features: Tensor) -> Tensor:
     """Return features (M, C, H, W) in the steps of a message; the gradient passes as if they were not rounded.
 
-    Each channel of a map has steps of its own, so that its greatest value takes the largest of LEVELS + 1 levels.
+    Each channel of a map has steps of its own, so that its greatest value takes LEVELS.
     """
     exact = features.detach().float()  # 6 bits of a quotient need more than the 8 bits of bfloat16
     step = (exact.amax(dim=(2, 3), keepdim=True) / LEVELS).clamp(min=1e-6)
