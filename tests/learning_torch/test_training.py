@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.learning.sample_format import SCENARIOS_PER_PLACE
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
 from mdrive_sumo.learning.training import trainer as training
 from mdrive_sumo.learning.training.checkpoint import (
@@ -83,10 +84,14 @@ def test_a_run_validates_on_drives_that_it_has_not_seen(tmp_path: Path) -> None:
     run = TrainingRun("tcp", replace(OPTIONS, steps=4), "cpu", tmp_path, arrays, sources=("made up",))
     path = run_training(run, lines.append)
     found = json.loads((tmp_path / "validation.json").read_text())
-    assert found["samples"] == 3 and found["plan"]["ade_3s_m"] > 0
+    assert found["samples"] == 3 * SCENARIOS_PER_PLACE and found["plan"]["ade_3s_m"] > 0
     assert len([name for _, name, _ in read_curves(tmp_path / "curves.csv") if name == "validation/ade_3s_m"]) == 3
     summary = load_checkpoint(path).summary
-    assert summary["samples"] == 57 and summary["sources"] == ["made up"] and summary["device"] == "CPU"
+    assert (
+        summary["samples"] == 60 - 3 * SCENARIOS_PER_PLACE
+        and summary["sources"] == ["made up"]
+        and summary["device"] == "CPU"
+    )
     assert any("constant velocity 0.000 m" in line for line in lines)
     lines.clear()
     run_training(replace(run, is_resumed=True), lines.append)
