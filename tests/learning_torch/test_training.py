@@ -85,7 +85,7 @@ def test_a_run_validates_on_drives_that_it_has_not_seen(tmp_path: Path) -> None:
     path = run_training(run, lines.append)
     found = json.loads((tmp_path / "validation.json").read_text())
     assert found["samples"] == 3 * SCENARIOS_PER_PLACE and found["plan"]["ade_3s_m"] > 0
-    assert len([name for _, name, _ in read_curves(tmp_path / "curves.csv") if name == "validation/ade_3s_m"]) == 3
+    assert len([name for _, name, _ in read_curves(tmp_path / "curves.csv") if name == "validation/ade_3s_m"]) == 4
     summary = load_checkpoint(path).summary
     assert (
         summary["samples"] == 60 - 3 * SCENARIOS_PER_PLACE
@@ -97,6 +97,27 @@ def test_a_run_validates_on_drives_that_it_has_not_seen(tmp_path: Path) -> None:
     run_training(replace(run, is_resumed=True), lines.append)
     assert "going on from step 4" in lines[0]
     assert load_checkpoint(path).summary["losses"] == summary["losses"] != {}
+
+
+def test_the_weights_with_the_least_validation_error_are_given_away(tmp_path: Path) -> None:
+    trainer, data = make_trainer(options=replace(OPTIONS, steps=4))
+    states: list[dict[str, torch.Tensor]] = []
+
+    def look(network: torch.nn.Module) -> dict[str, float]:
+        states.append({name: each.clone() for name, each in network.state_dict().items()})
+        return {"validation/ade_3s_m": (3.0, 1.0, 2.0, 1.0)[len(states) - 1]}
+
+    trainer.train(data, np.ones(4), tmp_path, look)
+    assert len(states) == 4  # after three of the steps, and at the end
+    assert trainer.summary["best"] == {"step": 3, "ade_3s_m": 1.0}
+    whole, weights = load_checkpoint(tmp_path), load_checkpoint(tmp_path / WEIGHTS_NAME)
+    for name, expected in states[1].items():
+        assert torch.equal(whole.chosen[name], expected) and torch.equal(weights.average[name], expected)
+        assert torch.equal(trainer.copy_best().state_dict()[name], expected)
+    assert any(not torch.equal(whole.average[name], expected) for name, expected in states[1].items())
+    other, _ = make_trainer(options=replace(OPTIONS, steps=4))
+    other.resume(whole)
+    assert all(torch.equal(other.best[name], expected) for name, expected in states[1].items())
 
 
 def silent(_: str) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdrive_sumo.agents.learned.network_inputs import Inputs, describe_inputs, describe_outputs
+from mdrive_sumo.agents.learned.plan_anchors import build_anchors, decode_plans
 from mdrive_sumo.agents.learned.system_spec import SystemSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
@@ -41,10 +42,13 @@ class DrivingNetwork:
     """`onnxruntime.InferenceSession`"""
 
     def run(self, inputs: Inputs) -> Inputs:
-        """Return the outputs by name; inputs and outputs without the batch dimension."""
+        """Return the outputs by name, with the `plan` that anchors decide; both without the batch dimension."""
         names = [output.name for output in self.session.get_outputs()]
         batch = {name: np.ascontiguousarray(value[None]) for name, value in inputs.items()}
-        return dict(zip(names, (value[0] for value in self.session.run(names, batch)), strict=True))
+        outputs = dict(zip(names, (value[0] for value in self.session.run(names, batch)), strict=True))
+        if "anchor_scores" in outputs:
+            outputs["plan"] = decode_plans(outputs["anchor_scores"], outputs["anchor_offsets"]).astype(np.float32)
+        return outputs
 
 
 def load_network(spec: SystemSpec, path: Path | None = None, use_gpu: bool = True) -> DrivingNetwork:
@@ -73,7 +77,7 @@ def _open_network(spec: SystemSpec, file: Path, manifest: "WeightsManifest", use
     """Return the network; the manifest is part of the key, so new weights under an old name are loaded anew."""
     content = _read_weights(file, manifest)
     provider, session = _create_session(file, content, use_gpu)
-    _check_arrays(file, session, spec, manifest.memory_shape)
+    _check_arrays(file, session, spec, manifest)
     return DrivingNetwork(manifest, provider, session)
 
 
@@ -118,12 +122,17 @@ def _create_session(file: Path, content: bytes, use_gpu: bool) -> tuple[str, Any
     return session.get_providers()[0], session
 
 
-def _check_arrays(file: Path, session: Any, spec: SystemSpec, memory_shape: tuple[int, ...]) -> None:
-    """Raise InputError unless the network has the inputs and outputs of its system."""
-    expected_inputs = {
-        name: f"{type_name} {[1, *shape]}" for name, (shape, type_name) in describe_inputs(spec, memory_shape).items()
-    }
-    expected_outputs = {name: f"float32 {[1, *shape]}" for name, shape in describe_outputs(spec, memory_shape).items()}
+def _check_arrays(file: Path, session: Any, spec: SystemSpec, manifest: "WeightsManifest") -> None:
+    """Raise InputError unless the network has the inputs and outputs of its system, and scores today's anchors."""
+    if manifest.plan_head == "anchors" and manifest.anchors != (digest := build_anchors().digest):
+        raise InputError(
+            f"weights {file}: expected scores of the plan anchors {digest}, found those of {manifest.anchors!r:.20};"
+            " train them with this version of mdrive-sumo"
+        )
+    inputs = describe_inputs(spec, manifest.memory_shape, has_limits=manifest.has_limits)
+    expected_inputs = {name: f"{type_name} {[1, *shape]}" for name, (shape, type_name) in inputs.items()}
+    outputs = describe_outputs(spec, manifest.memory_shape, manifest.plan_head)
+    expected_outputs = {name: f"float32 {[1, *shape]}" for name, shape in outputs.items()}
     for what, arrays, expected in (
         ("input", session.get_inputs(), expected_inputs),
         ("output", session.get_outputs(), expected_outputs),
