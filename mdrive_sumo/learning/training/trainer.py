@@ -31,6 +31,8 @@ MOST_GRADIENT = 5.0
 """Longer gradients are shortened to it."""
 TELL_EVERY_S = 30.0
 """A step of a large network takes this long on a processor; progress is told no more rarely."""
+CHOSEN_BY = "validation/ade_3s_m"
+"""Name of the measured value that is least in the weights that are given away."""
 GLANCES = 10
 """Looks at the validation data in a run, for the curves."""
 
@@ -124,7 +126,7 @@ class Trainer:
         """Train until the steps or the minutes are used up; returns the last losses.
 
         shares: (M,) how often each sample is drawn, 0: never. glance: measures the averaged network, GLANCES times;
-        the weights with the least `validation/ade_3s_m` are the best ones.
+        the weights with the least CHOSEN_BY are given away, without such a value the last ones.
         Raises InputError when the loss is no number; the last checkpoint stays. Raises KeyboardInterrupt after Ctrl-C,
         with a new checkpoint. The first step does not count as time.
         """
@@ -157,9 +159,9 @@ class Trainer:
         """Measure the averaged network, and remember it if it is the best so far."""
         found = glance(self.average.network)
         session.curves.add(self.step, found)
-        error = found["validation/ade_3s_m"]
-        if not self.best or error < self.summary["best"]["ade_3s_m"]:
-            self.summary["best"] = {"step": self.step, "ade_3s_m": error}
+        error = found.get(CHOSEN_BY)
+        if error is not None and (not self.best or error < self.summary["best"][CHOSEN_BY]):
+            self.summary["best"] = {"step": self.step, CHOSEN_BY: error}
             self.best = {name: each.clone() for name, each in self.average.network.state_dict().items()}
 
     def _keep_time(self, session: _Session) -> None:
