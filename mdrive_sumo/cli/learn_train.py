@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from mdrive_sumo.agents.learned.system_spec import SYSTEMS
+from mdrive_sumo.agents.learned.system_spec import PLAN_HEADS, SYSTEMS
 from mdrive_sumo.cli.options import FiniteRange, workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
@@ -31,6 +31,13 @@ class RoundOptions:
 @click.argument("system", type=click.Choice(tuple(SYSTEMS)))
 @click.option("--data", multiple=True, type=FOLDER, help="Data set of `learn data`; may repeat.")
 @click.option("--val", multiple=True, type=FOLDER, help="Data set to validate on  [default: one place of 20 of --data]")
+@click.option(
+    "--plan-head",
+    type=click.Choice(PLAN_HEADS),
+    default=PLAN_HEADS[0],
+    show_default=True,
+    help="How the network answers a plan: its points, or scores of fixed trajectories.",
+)
 @click.option("--device", type=click.Choice(("cuda", "cpu")), default="cuda", show_default=True)
 @click.option("--out", type=FOLDER, required=True, help="Folder for checkpoint, curves and validation.")
 @click.option("--steps", type=click.IntRange(1, 10_000_000), default=8000, show_default=True)
@@ -59,7 +66,7 @@ def command(system: str, smoke: bool, data: tuple[Path, ...], out: Path, **optio
     """
     require_torch("learn train")
     if smoke:
-        _run_smoke_test(system, data, out, options["workers"])
+        _run_smoke_test(system, data, out, options)
         return
     if not data:
         raise click.UsageError("--data: expected at least one data set of `learn data`, found none")
@@ -85,11 +92,11 @@ def _list_starts(out: Path) -> tuple[Path, Path]:
     return out, name_round(out, 0)
 
 
-def _run_smoke_test(system: str, data: tuple[Path, ...], out: Path, workers: int) -> None:
+def _run_smoke_test(system: str, data: tuple[Path, ...], out: Path, options: dict[str, Any]) -> None:
     from mdrive_sumo.learning.training.smoke_test import COMPARED, STEPS, run_smoke_test
 
-    arrays = _load(system, data, workers) if data else None
-    found = run_smoke_test(system, out / "smoke", arrays)
+    arrays = _load(system, data, options["workers"]) if data else None
+    found = run_smoke_test(system, out / "smoke", arrays, options["plan_head"])
     echo(
         f"{system}: mean loss of the first {COMPARED} of {STEPS} steps {found.first:.3f}, of the last {found.last:.3f}"
     )
@@ -125,7 +132,7 @@ def _train(system: str, data: tuple[Path, ...], out: Path, options: dict[str, An
     rounds = RoundOptions(options["rounds"], options["scenarios"], places, options["workers"])
     training = TrainingOptions(
         steps=options["steps"], batch=options["batch"], learning_rate=options["learning_rate"], seed=options["seed"],
-        max_minutes=options["max_minutes"],
+        max_minutes=options["max_minutes"], plan_head=options["plan_head"],
     )  # fmt: skip
     run = TrainingRun(
         system=system, options=training, device=options["device"], folder=out,

@@ -1,7 +1,7 @@
 """State of the world at one tick. Time is an integer; a Frame is immutable."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from enum import IntEnum, StrEnum, auto
 from functools import cache, lru_cache
 from itertools import chain
@@ -137,8 +137,8 @@ class RoadUsers:
         chord = self.speed * seconds * portable.sinc(np.asarray(turn) / 2 / np.pi)
         direction = self.yaw + np.asarray(turn) / 2
         cos, sin = portable.cos_sin(direction)
-        x, y = self.x + chord * cos, self.y + chord * sin
-        return replace(self, x=x, y=y, yaw=self.yaw + turn)
+        motion = self.x + chord * cos, self.y + chord * sin, self.yaw + turn, self.speed
+        return build_frozen(type(self), self.ids, self.kind, *motion, self.length, self.width, *self._get_rest())
 
 
 @twin

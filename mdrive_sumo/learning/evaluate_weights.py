@@ -37,7 +37,8 @@ def _predict(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.float64]]:
     """Return plans (M, n, 2), controls (M, 3) and the seconds (M,) that each decision took."""
     memory_shape = network.manifest.memory_shape
-    names = [name for name in describe_inputs(spec, memory_shape) if name not in ("memory", "motion")]
+    described = describe_inputs(spec, memory_shape, has_limits=network.manifest.has_limits)
+    names = [name for name in described if name not in ("memory", "motion")]
     count = len(arrays["own"])
     plans = np.zeros_like(arrays["expert_plan"])
     controls, seconds = np.zeros((count, 3), np.float32), np.zeros(count)

@@ -35,8 +35,10 @@ def find_held_out(arrays: Mapping[str, npt.NDArray[np.generic]]) -> npt.NDArray[
 def check_apart(data: Sequence[Path], validation: Sequence[Path]) -> None:
     """Check that none is validated on the places that another one is trained on. Raises InputError.
 
-    Data sets of one split and seed have the same places.
+    Data sets of one split and seed have the same places. Without validation data none is read.
     """
+    if not validation:
+        return
     trained = {_name_places(folder): folder for folder in data}
     for folder in validation:
         split, seed, _ = places = _name_places(folder)

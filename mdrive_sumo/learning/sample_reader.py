@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.instructions import encode_instruction
+from mdrive_sumo.agents.learned.navigation import take_limits
 from mdrive_sumo.agents.learned.system_spec import PLAN_POINTS, SystemSpec
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.learning.recorded_rigs import find_recorded_rig, list_stored_images
@@ -89,10 +90,11 @@ def load_arrays(folders: Path | Sequence[Path], spec: SystemSpec, workers: int =
     """Return all samples of data sets, M rows in order, as arrays for one system.
 
     Images by `ImageInput.name` (M, cameras, H, W, 3) uint8; `KEPT` as in `sample_format.LABELS`, occupancy packed;
-    `lidar` and `instruction` (M, INSTRUCTION_WORDS) int64 if the system uses them; `boxes` (M, MAX_BOXES, 9), `futures`
-    (M, MAX_BOXES, PLAN_POINTS, 3) and `lane_graph` (M, MAX_LANES, LANE_POINTS, 2), NaN where there is nothing;
-    `scenario` (M,) int32, its index; `episode` (M,) int32, the number of the CAV's drive; `previous` (M,) int32, the
-    row of the same CAV's sample 0.4 s earlier or -1. workers: processes that decode shards. Raises InputError as
+    `limits` of the route; `lidar` and `instruction` (M, INSTRUCTION_WORDS) int64 if the system uses them; `boxes`
+    (M, MAX_BOXES, 9), `futures` (M, MAX_BOXES, PLAN_POINTS, 3) and `lane_graph` (M, MAX_LANES, LANE_POINTS, 2), NaN
+    where there is nothing; `scenario` (M,) int32, its index; `episode` (M,) int32, the number of the CAV's drive;
+    `previous` (M,) int32, the row of the same CAV's sample 0.4 s earlier or -1. workers: processes that decode shards.
+    Raises InputError as
     `read_samples`, also without samples.
     """
     listed = [folders] if isinstance(folders, Path) else list(folders)
@@ -150,6 +152,7 @@ def decode_shard(job: DecodingJob) -> tuple[list[str], Arrays]:
 
 def _build_row(sample: TrainingSample, spec: SystemSpec) -> Arrays:
     row: Arrays = {**sample.images, **{name: sample.labels[name] for name in KEPT}}
+    row["limits"] = take_limits(sample.labels["route"])
     if spec.uses_lidar:
         row["lidar"] = sample.labels["lidar"]
     if spec.uses_instruction:

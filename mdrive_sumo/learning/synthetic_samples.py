@@ -3,6 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
+from mdrive_sumo.agents.learned.navigation import take_limits
 from mdrive_sumo.agents.learned.system_spec import (
     COMMANDS,
     INSTRUCTION_WORDS,
@@ -57,7 +58,7 @@ def _build_inputs(spec: SystemSpec, speed: npt.NDArray[np.float32], random: np.r
     route = np.zeros((samples, ROUTE_POINTS, 4), np.float32)
     route[..., 0] = ROUTE_STEP_M * np.arange(ROUTE_POINTS)
     route[..., 2:] = 1.75, 8.33
-    arrays |= {"navigation": navigation, "route": route}
+    arrays |= {"navigation": navigation, "route": route, "limits": take_limits(route)}
     if spec.uses_lidar:
         arrays["lidar"] = random.integers(0, 9, (samples, LIDAR_LAYERS, LIDAR_CELLS, LIDAR_CELLS), np.uint8)
     if spec.uses_instruction:

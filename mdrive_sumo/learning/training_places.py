@@ -124,7 +124,11 @@ def draw_training_places(
         for place, outcome in run_jobs(executor, places):
             if isinstance(outcome, WorkerFailure):
                 raise InputError(f"place {place.number} of split {place.split}: {outcome.reason}")
-    note(f"{count} places for {scenarios} scenarios: {folder}")
+    note(f"{_count(len(places), 'place')} for {_count(scenarios, 'scenario')}: {folder}")
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _draw_place(place: TrainingPlace) -> str:

@@ -69,15 +69,14 @@ def find_seen_through(
 ) -> Bool:
     """Return an (N,) mask of the boxes through which a ray of the free view passes, wherever they may stand.
 
-    sigmas: (N,) standard deviation [m] of each coordinate of the boxes. eye: where the view was taken from, with its
-    own errors. free_m: (B,) as `Objects.free_m`.
+    boxes: such as end a view (`find_opaque`). sigmas: (N,) standard deviation [m] of each of their coordinates.
+    eye: where the view was taken from, with its own errors. free_m: (B,) as `Objects.free_m`.
     """
     dx, dy = eye.x - boxes.x, eye.y - boxes.y
     square = dx * dx + dy * dy
     rows = np.flatnonzero(
         (square > parameters.own_radius_m * parameters.own_radius_m)
         & (square < parameters.range_m * parameters.range_m)
-        & find_opaque(boxes, parameters)
     )
     is_refuted = np.zeros(len(boxes), dtype=np.bool_)
     if len(rows) and len(free_m):

@@ -20,7 +20,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
 from mdrive_sumo.perception.announced_motion import AnnouncedMotion
 from mdrive_sumo.perception.claim_history import CLAIMS, ETSI_CLAIMS, Claim, ClaimHistory
-from mdrive_sumo.perception.free_view import find_near, find_seen_through
+from mdrive_sumo.perception.free_view import find_near, find_opaque, find_seen_through
 from mdrive_sumo.perception.object_tracker import KINDS
 from mdrive_sumo.perception.sender_trust import SenderTrust
 from mdrive_sumo.perception.witnesses import Witness, find_refuted_by_others, make_witness
@@ -98,9 +98,11 @@ class MessageGuard:
         contradictions = self._read_messages(seen)
         if tick % CHECK_TICKS == 0 and self._senders:
             contradictions += self._compare_with_view(seen)
+        before = self._distrusted
+        if not (contradictions or any(before.values())):
+            return seen, frozenset(), ()
         for one in contradictions:
             self._trust_by_subject[one.subject].record_contradiction(one.sender, tick)
-        before = self._distrusted
         self._distrusted = {subject: self._find_distrusted(subject, contradictions, tick) for subject in before}
         fallen = {subject: now - before[subject] for subject, now in self._distrusted.items()}
         notes = tuple(
@@ -156,13 +158,13 @@ class MessageGuard:
             return []
         is_near = find_near(boxes, seen.objects)
         is_refuted = np.zeros(len(boxes), dtype=np.bool_)
-        rows = np.flatnonzero(~is_near)
-        is_refuted[rows] = find_seen_through(
-            boxes.take(rows), sigmas[rows], self._own_states[0][1], seen.objects.free_m
-        )
-        rows = np.flatnonzero(~is_near & ~is_refuted)
-        senders = [names[row] for row in rows.tolist()]
-        is_refuted[rows] = find_refuted_by_others(boxes.take(rows), sigmas[rows], senders, witnesses)
+        rows = np.flatnonzero(find_opaque(boxes) & ~is_near)
+        if len(rows):
+            eye, free_m = self._own_states[0][1], seen.objects.free_m
+            is_refuted[rows] = find_seen_through(boxes.take(rows), sigmas[rows], eye, free_m)
+            rows = rows[~is_refuted[rows]]
+            senders = [names[row] for row in rows.tolist()]
+            is_refuted[rows] = find_refuted_by_others(boxes.take(rows), sigmas[rows], senders, witnesses)
         return self._update_claims(seen.tick, names, boxes, is_refuted.tolist(), is_near.tolist())
 
     def _collect_claims(self, tick: int, taken_tick: int) -> tuple[list[str], Objects, Float, dict[str, Witness]]:

@@ -13,7 +13,7 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.perception.free_view import find_near, find_opaque, find_seen_through
+from mdrive_sumo.perception.free_view import find_near, find_seen_through
 from mdrive_sumo.v2x.messages import Cam, Cpm, ReferencePose
 
 LEAST_WITNESSES = 2
@@ -48,10 +48,10 @@ def find_refuted_by_others(
 ) -> Bool:
     """Return an (N,) mask of the boxes that `LEAST_WITNESSES` see through, and near which no witness has a detection.
 
-    sigmas: (N,) standard deviation [m] of each coordinate. senders: who reports each box, and is no witness of it.
+    boxes: such as end a view (`find_opaque`). sigmas: (N,) standard deviation [m] of each coordinate. senders: who
+    reports each box, and is no witness of it.
     """
-    refuted = np.zeros(len(boxes), dtype=np.bool_)
-    rows = np.flatnonzero(find_opaque(boxes))
+    refuted, rows = np.zeros(len(boxes), dtype=np.bool_), np.arange(len(boxes))
     if len(witnesses) < LEAST_WITNESSES or not len(rows):
         return refuted
     is_supported = np.zeros(len(rows), dtype=np.bool_)

@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 ROOT = Path(__file__).resolve().parents[2]
 COMMIT_FILE = Path(__file__).with_name("speed_commit")
 """The commit to compare with: that of the last release, or of a change that made ticks faster or slower on purpose."""
-PARTS = ("mdrive_sumo", "networks", "hatch_build.py")
+PARTS = ("mdrive_sumo", "networks", "real2sim", "hatch_build.py")
 """What of a commit drives episodes, and builds its compiled layer."""
 EPISODES = (
     ("constant-speed", "i12_ins_sl_old_town"),
@@ -86,7 +86,13 @@ def unpack(commit: str, folder: Path) -> str:
     with tarfile.open(fileobj=io.BytesIO(wanted.stdout)) as archive:
         archive.extractall(folder, filter="data")
     built = subprocess.run([sys.executable, "hatch_build.py"], cwd=folder, capture_output=True, text=True)
-    return built.stderr.strip().splitlines()[-1] if built.returncode else ""
+    if built.returncode:
+        return built.stderr.strip().splitlines()[-1]
+    asked = (sys.executable, "-c", "from mdrive_sumo.core.compiled.twins import PROBLEM; print(PROBLEM)")
+    problem = subprocess.run(asked, cwd=folder, capture_output=True, text=True, check=True).stdout.strip()
+    if problem:  # ten times slower without it: whatever is compared with that passes
+        sys.exit(f"expected the compiled layer of {commit[:8]}, found {problem}")
+    return ""
 
 
 def measure(new: Path, old: Path, limit_s: float, most: float | None) -> list[Round]:

@@ -12,7 +12,7 @@ from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_m
 from mdrive_sumo.learning import collection as collecting
 from mdrive_sumo.learning.collection import RoundPlan, collect_round
 from mdrive_sumo.learning.collection_settings import CollectionSettings
-from mdrive_sumo.learning.sample_format import DatasetFile
+from mdrive_sumo.learning.sample_format import SCENARIOS_PER_PLACE, DatasetFile
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
 from mdrive_sumo.learning.training.checkpoint import load_checkpoint
 from mdrive_sumo.learning.training.dagger import LATER_RATE, DaggerData, train_in_rounds
@@ -40,7 +40,7 @@ def test_each_round_drives_with_the_weights_of_the_one_before(tmp_path: Path) ->
     checkpoint = load_checkpoint(train_in_rounds(run, data, 3, lambda _: None), "tcp")
     assert driven == [(1, "round-1/data"), (2, "round-2/data")]
     assert checkpoint.summary["sources"] == [str(tmp_path / name) for name in ("first", *(name for _, name in driven))]
-    assert checkpoint.summary["samples"] == 120 - 6
+    assert checkpoint.summary["samples"] == 120 - SCENARIOS_PER_PLACE
     assert checkpoint.summary["options"]["learning_rate"] == LATER_RATE * run.options.learning_rate
     earlier = checkpoint.summary["begun_with"]
     assert earlier["checkpoint"].endswith("round-1/checkpoint.pt") and earlier["steps"] == 2

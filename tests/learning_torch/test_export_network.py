@@ -31,8 +31,8 @@ def test_an_exported_network_drives(system: str, tmp_path: Path) -> None:
     found = export_network(make_checkpoint(system), tmp_path)
     assert found.network.stat().st_size <= MOST_BYTES
     network = load_network(spec, found.network, use_gpu=False)  # checks inputs, outputs and the checksum
-    assert network.manifest.training["samples"] == 20
-    shapes = describe_inputs(spec, network.manifest.memory_shape)
+    assert network.manifest.training["samples"] == 20 and network.manifest.plan_head == "waypoints"
+    shapes = describe_inputs(spec, network.manifest.memory_shape, has_limits=True)
     outputs = network.run({name: np.zeros(shape, dtype) for name, (shape, dtype) in shapes.items()})
     assert outputs["plan"].shape == (PLAN_POINTS, 2)
     arrays = build_synthetic_arrays(spec, 6, seed=0)

@@ -18,7 +18,7 @@ from mdrive_sumo.learning.training.trainer import Trainer
 
 
 def load(_: object, spec: SystemSpec, __: int) -> Arrays:
-    """Twenty scenarios of two samples."""
+    """Twenty scenarios of two samples, at two places: one is held out."""
     return build_synthetic_arrays(spec, 40, seed=0) | {"scenario": np.arange(40, dtype=np.int32) // 2}
 
 
@@ -37,7 +37,7 @@ def test_from_data_to_weights_that_are_measured(system: str, tmp_path: Path) -> 
     steps = ("--steps", "2", "--batch", "2", "--device", "cpu")
     trained = run("train", system, "--data", str(tmp_path), "--out", str(out), *steps)
     assert trained.exit_code == 0, trained.output
-    assert "38 samples in the memory of cpu" in trained.output and "constant velocity 0.000 m" in trained.output
+    assert "20 samples in the memory of cpu" in trained.output and "constant velocity 0.000 m" in trained.output
     assert {"checkpoint.pt", "weights.pt", "curves.csv", "curves.png", "validation.json"} <= {
         path.name for path in out.iterdir()
     }

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.learning.sample_format import SCENARIOS_PER_PLACE
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
 from mdrive_sumo.learning.training import trainer as training
 from mdrive_sumo.learning.training.checkpoint import (
@@ -23,7 +24,7 @@ from mdrive_sumo.learning.training.checkpoint import (
     load_whole_checkpoint,
 )
 from mdrive_sumo.learning.training.run_training import TrainingRun, run_training
-from mdrive_sumo.learning.training.trainer import Trainer
+from mdrive_sumo.learning.training.trainer import CHOSEN_BY, Trainer
 from mdrive_sumo.learning.training.training_curves import read_curves
 from mdrive_sumo.learning.training.training_data import TrainingData
 from mdrive_sumo.learning.training.training_options import TrainingOptions
@@ -83,15 +84,40 @@ def test_a_run_validates_on_drives_that_it_has_not_seen(tmp_path: Path) -> None:
     run = TrainingRun("tcp", replace(OPTIONS, steps=4), "cpu", tmp_path, arrays, sources=("made up",))
     path = run_training(run, lines.append)
     found = json.loads((tmp_path / "validation.json").read_text())
-    assert found["samples"] == 3 and found["plan"]["ade_3s_m"] > 0
-    assert len([name for _, name, _ in read_curves(tmp_path / "curves.csv") if name == "validation/ade_3s_m"]) == 3
+    assert found["samples"] == 3 * SCENARIOS_PER_PLACE and found["plan"]["ade_3s_m"] > 0
+    assert len([name for _, name, _ in read_curves(tmp_path / "curves.csv") if name == "validation/ade_3s_m"]) == 4
     summary = load_checkpoint(path).summary
-    assert summary["samples"] == 57 and summary["sources"] == ["made up"] and summary["device"] == "CPU"
+    assert (
+        summary["samples"] == 60 - 3 * SCENARIOS_PER_PLACE
+        and summary["sources"] == ["made up"]
+        and summary["device"] == "CPU"
+    )
     assert any("constant velocity 0.000 m" in line for line in lines)
     lines.clear()
     run_training(replace(run, is_resumed=True), lines.append)
     assert "going on from step 4" in lines[0]
     assert load_checkpoint(path).summary["losses"] == summary["losses"] != {}
+
+
+def test_the_weights_with_the_least_validation_error_are_given_away(tmp_path: Path) -> None:
+    trainer, data = make_trainer(options=replace(OPTIONS, steps=4))
+    states: list[dict[str, torch.Tensor]] = []
+
+    def look(network: torch.nn.Module) -> dict[str, float]:
+        states.append({name: each.clone() for name, each in network.state_dict().items()})
+        return {CHOSEN_BY: (3.0, 1.0, 2.0, 1.0)[len(states) - 1]}
+
+    trainer.train(data, np.ones(4), tmp_path, look)
+    assert len(states) == 4  # after three of the steps, and at the end
+    assert trainer.summary["best"] == {"step": 3, CHOSEN_BY: 1.0}
+    whole, weights = load_checkpoint(tmp_path), load_checkpoint(tmp_path / WEIGHTS_NAME)
+    for name, expected in states[1].items():
+        assert torch.equal(whole.chosen[name], expected) and torch.equal(weights.average[name], expected)
+        assert torch.equal(trainer.copy_best().state_dict()[name], expected)
+    assert any(not torch.equal(whole.average[name], expected) for name, expected in states[1].items())
+    other, _ = make_trainer(options=replace(OPTIONS, steps=4))
+    other.resume(whole)
+    assert all(torch.equal(other.best[name], expected) for name, expected in states[1].items())
 
 
 def silent(_: str) -> None:

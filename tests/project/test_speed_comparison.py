@@ -79,7 +79,7 @@ def test_the_stored_commit_is_a_full_hash() -> None:
 def test_an_old_commit_is_unpacked_and_built(
     speed: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clone, folders = tmp_path / "clone", (tmp_path / "sound", tmp_path / "damaged")
+    clone, folders = tmp_path / "clone", [tmp_path / name for name in ("sound", "damaged", "unloaded")]
 
     def commit(builder: str) -> str:
         (clone / "hatch_build.py").write_text(builder)
@@ -88,17 +88,23 @@ def test_an_old_commit_is_unpacked_and_built(
             subprocess.run(["git", "-C", str(clone), *command], check=True)
         return subprocess.check_output(["git", "-C", str(clone), "rev-parse", "HEAD"], text=True).strip()
 
-    for part in ("mdrive_sumo", "networks"):
+    for part in ("networks", "real2sim", "mdrive_sumo", "mdrive_sumo/core", "mdrive_sumo/core/compiled"):
         (clone / part).mkdir(parents=True)
-        (clone / part / "__init__.py").write_text("old")
+        (clone / part / "__init__.py").write_text("'old'")
+    twins = clone / "mdrive_sumo" / "core" / "compiled" / "twins.py"
+    twins.write_text("PROBLEM = ''")
     subprocess.run(["git", "init", "-q", str(clone)], check=True)
     monkeypatch.setattr(speed, "ROOT", clone)
     sound, damaged = commit("open('built', 'w')"), commit("raise OSError('no compiler')")
-    (clone / "mdrive_sumo" / "__init__.py").write_text("new")
+    twins.write_text("PROBLEM = 'undefined symbol'")
+    unloaded = commit("open('built', 'w')")
+    (clone / "mdrive_sumo" / "__init__.py").write_text("'new'")
     assert speed.unpack(sound, folders[0]) == ""
-    assert (folders[0] / "mdrive_sumo" / "__init__.py").read_text() == "old"
+    assert (folders[0] / "mdrive_sumo" / "__init__.py").read_text() == "'old'"
     assert (folders[0] / "built").is_file()
     assert speed.unpack(damaged, folders[1]) == "OSError: no compiler"
+    with pytest.raises(SystemExit, match=f"expected the compiled layer of {unloaded[:8]}, found undefined symbol"):
+        speed.unpack(unloaded, folders[2])
 
 
 def test_instructions_are_counted_where_the_machine_counts_them(speed: ModuleType) -> None:

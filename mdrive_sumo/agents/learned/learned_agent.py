@@ -143,7 +143,8 @@ class LearnedAgent:
 
     def _build_inputs(self, seen: Observation, navigation: Navigation) -> Inputs:
         instruction = self._instructor.instruct(navigation) if self._spec.uses_instruction else ""
-        inputs = build_inputs(self._spec, seen, navigation, instruction)
+        has_limits = self._network.manifest.has_limits
+        inputs = build_inputs(self._spec, seen, navigation, instruction, has_limits=has_limits)
         if self._numbers["blackout"]:
             inputs = black_out_images(self._spec, inputs)
         if self._spec.uses_memory:

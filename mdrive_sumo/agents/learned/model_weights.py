@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdrive_sumo.agents.learned.network_inputs import Inputs, describe_inputs, describe_outputs
+from mdrive_sumo.agents.learned.plan_anchors import build_anchors, decode_plans
 from mdrive_sumo.agents.learned.system_spec import SystemSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
@@ -42,10 +43,13 @@ class DrivingNetwork:
     """`onnxruntime.InferenceSession`"""
 
     def run(self, inputs: Inputs) -> Inputs:
-        """Return the outputs by name; inputs and outputs without the batch dimension."""
+        """Return the outputs by name, with the `plan` that anchors decide; both without the batch dimension."""
         names = [output.name for output in self.session.get_outputs()]
         batch = {name: np.ascontiguousarray(value[None]) for name, value in inputs.items()}
-        return dict(zip(names, (value[0] for value in self.session.run(names, batch)), strict=True))
+        outputs = dict(zip(names, (value[0] for value in self.session.run(names, batch)), strict=True))
+        if "anchor_scores" in outputs:
+            outputs["plan"] = decode_plans(outputs["anchor_scores"], outputs["anchor_offsets"]).astype(np.float32)
+        return outputs
 
 
 def load_network(spec: SystemSpec, path: Path | None = None, use_gpu: bool = True) -> DrivingNetwork:
@@ -77,9 +81,18 @@ def read_checked_manifest(file: Path, system: str) -> "WeightsManifest":
 @lru_cache(maxsize=CACHED_NETWORKS)
 def _open_network(spec: SystemSpec, file: Path, manifest: "WeightsManifest", use_gpu: bool) -> DrivingNetwork:
     """Return the network; the manifest is part of the key, so new weights under an old name are loaded anew."""
+    if manifest.plan_head == "anchors" and manifest.anchors != (digest := build_anchors().digest):
+        raise InputError(
+            f"weights {file}: expected scores of the plan anchors {digest}, found those of {manifest.anchors!r:.20};"
+            " train them with this version of mdrive-sumo"
+        )
     memory_shape = manifest.memory_shape
-    inputs = {name: f"{kind} {[1, *shape]}" for name, (shape, kind) in describe_inputs(spec, memory_shape).items()}
-    outputs = {name: f"float32 {[1, *shape]}" for name, shape in describe_outputs(spec, memory_shape).items()}
+    shapes = describe_inputs(spec, memory_shape, has_limits=manifest.has_limits)
+    inputs = {name: f"{kind} {[1, *shape]}" for name, (shape, kind) in shapes.items()}
+    outputs = {
+        name: f"float32 {[1, *shape]}"
+        for name, shape in describe_outputs(spec, memory_shape, manifest.plan_head).items()
+    }
     return open_weights(file, manifest, inputs, outputs, use_gpu)
 
 

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from mdrive_sumo.agents.learned.ego_frame import convert_to_ego
 from mdrive_sumo.agents.learned.system_spec import (
     COMMANDS,
+    LIMIT_ROWS,
     NAVIGATION_SIZE,
     ROUTE_POINTS,
     ROUTE_STEP_M,
@@ -58,6 +59,11 @@ class Navigation:
         vector[points : points + self.target_points.size] = self.target_points.ravel() / TARGET_SCALE_M
         vector[-2:] = min(self.goal_m, SIGHT_M) / SIGHT_M, min(self.stop_m, SIGHT_M) / SIGHT_M
         return vector
+
+
+def take_limits(route: Float32) -> Float32:
+    """Return the allowed speeds (..., len(LIMIT_ROWS)) [m/s] of routes (..., ROUTE_POINTS, 4)."""
+    return route[..., LIMIT_ROWS, 3]
 
 
 class RouteNavigator:

@@ -8,14 +8,17 @@ import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.ego_frame import convert_to_frame
 from mdrive_sumo.agents.learned.instructions import encode_instruction
-from mdrive_sumo.agents.learned.navigation import Navigation
+from mdrive_sumo.agents.learned.navigation import Navigation, take_limits
+from mdrive_sumo.agents.learned.plan_anchors import ANCHORS, SCORES
 from mdrive_sumo.agents.learned.system_spec import (
     INSTRUCTION_WORDS,
     LIDAR_BEHIND_M,
     LIDAR_CELL_M,
     LIDAR_CELLS,
     LIDAR_LAYERS,
+    LIMIT_ROWS,
     NAVIGATION_SIZE,
+    PLAN_HEADS,
     PLAN_POINTS,
     ROUTE_POINTS,
     SystemSpec,
@@ -28,16 +31,21 @@ LIDAR_ID = "top"
 """Id of the LiDAR in `SystemSpec.build_sensors`."""
 
 
-def build_inputs(spec: SystemSpec, seen: Observation, navigation: Navigation, instruction: str = "") -> Inputs:
+def build_inputs(
+    spec: SystemSpec, seen: Observation, navigation: Navigation, instruction: str = "", *, has_limits: bool = False
+) -> Inputs:
     """Return the inputs by name, without a batch dimension and without memory (`memory`, `motion`).
 
-    seen: an observation with all images, and the scan if used (`has_sensor_data`). Shapes: `describe_inputs`.
+    has_limits: whether the network gets `limits`. seen: an observation with all images, and the scan if used
+    (`has_sensor_data`). Shapes: `describe_inputs`.
     """
     assert seen.speedometer is not None, "the speedometer is declared"
     inputs: Inputs = {
         image.name: np.stack([seen.cameras[camera].pixels for camera in image.cameras]) for image in spec.images
     }
     inputs["navigation"] = navigation.build_vector(seen.speedometer)
+    if has_limits:
+        inputs["limits"] = take_limits(navigation.route)
     if spec.uses_route:
         inputs["route"] = navigation.route
     if spec.uses_lidar:
@@ -63,12 +71,19 @@ def compute_motion(before: Float, pose: Float) -> npt.NDArray[np.float32]:
     return np.array((*convert_to_frame(pose[:2], before), wrap_angle(float(pose[2] - before[2]))), dtype=np.float32)
 
 
-def describe_inputs(spec: SystemSpec, memory_shape: tuple[int, ...] = ()) -> Mapping[str, tuple[tuple[int, ...], str]]:
-    """Return shape without the batch dimension and dtype of every input by name, in the order of the network."""
+def describe_inputs(
+    spec: SystemSpec, memory_shape: tuple[int, ...] = (), *, has_limits: bool = False
+) -> Mapping[str, tuple[tuple[int, ...], str]]:
+    """Return shape without the batch dimension and dtype of every input by name, in the order of the network.
+
+    has_limits: true for all that is trained now; older weights know 8 m/s only.
+    """
     described: dict[str, tuple[tuple[int, ...], str]] = {
         image.name: ((len(image.cameras), image.height, image.width, 3), "uint8") for image in spec.images
     }
     described["navigation"] = ((NAVIGATION_SIZE,), "float32")
+    if has_limits:
+        described["limits"] = ((len(LIMIT_ROWS),), "float32")
     if spec.uses_route:
         described["route"] = ((ROUTE_POINTS, 4), "float32")
     if spec.uses_lidar:
@@ -81,9 +96,13 @@ def describe_inputs(spec: SystemSpec, memory_shape: tuple[int, ...] = ()) -> Map
     return described
 
 
-def describe_outputs(spec: SystemSpec, memory_shape: tuple[int, ...] = ()) -> Mapping[str, tuple[int, ...]]:
+def describe_outputs(
+    spec: SystemSpec, memory_shape: tuple[int, ...] = (), plan_head: str = PLAN_HEADS[0]
+) -> Mapping[str, tuple[int, ...]]:
     """Return the shape without the batch dimension of every output by name; all are float32."""
     described: dict[str, tuple[int, ...]] = {"plan": (PLAN_POINTS, 2)}
+    if plan_head == "anchors":
+        described = {"anchor_scores": (ANCHORS, len(SCORES)), "anchor_offsets": (ANCHORS, PLAN_POINTS, 2)}
     if spec.answers_control:
         described["control"] = (3,)
     if spec.uses_memory:

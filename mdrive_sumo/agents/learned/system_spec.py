@@ -15,6 +15,8 @@ PLAN_INTERVAL_S = 0.5
 ROUTE_POINTS = 20
 ROUTE_STEP_M = 2.5
 """Points of the route ahead that a system may be given, from the car on: 50 m."""
+LIMIT_ROWS = (0, 10, 19)
+"""Points of the route at which a system is told the allowed speed: here, 25 m and 47.5 m ahead."""
 TARGET_POINTS_M = (10.0, 25.0)
 """[m] How far ahead along the route the two target points lie."""
 COMMANDS = ("follow", "left", "right", "change-left", "change-right")
@@ -100,5 +102,8 @@ SYSTEMS: Mapping[str, SystemSpec] = MappingProxyType(
         ),
     }
 )  # fmt: skip
-"""By name of the agent. Every network also gets `navigation` (NAVIGATION_SIZE,) float32 and answers `plan`
-(PLAN_POINTS, 2) float32 [m, ego frame]."""
+"""By name of the agent. Every network also gets `navigation` (NAVIGATION_SIZE,) and, since roads are faster than 8 m/s,
+`limits` (len(LIMIT_ROWS),) [m/s], both float32. It answers `plan` (PLAN_POINTS, 2) float32 [m, ego frame], or what
+`plan_anchors` decides one by."""
+PLAN_HEADS = ("waypoints", "anchors")
+"""How a network answers a plan: its points, or scores and offsets of the anchors of `plan_anchors`."""

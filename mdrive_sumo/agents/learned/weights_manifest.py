@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
+from mdrive_sumo.agents.learned.system_spec import PLAN_HEADS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import write_text
@@ -31,6 +32,12 @@ class WeightsManifest(BaseModel):
     """Number of trained numbers."""
     memory_shape: tuple[int, ...] = ()
     """Shape of `memory` and of the output `bev`, without the batch dimension; () without memory."""
+    has_limits: bool = False
+    """Whether the network gets `limits`; without, it was trained at 8 m/s."""
+    plan_head: str = Field(PLAN_HEADS[0], pattern=f"^({'|'.join(PLAN_HEADS)})$")
+    """How it answers a plan (`system_spec.PLAN_HEADS`)."""
+    anchors: str = ""
+    """Digest of the anchors that it scores; "" without."""
     training: Mapping[str, JsonValue] = Field(default_factory=dict)
     """Summary of the training: data, seeds, steps, rounds, device, measured errors. Nothing reads it to drive."""
 

@@ -83,7 +83,9 @@ class BevLifting(nn.Module):
         table = build_lifting_table(spec)
         is_seen = table.indices >= 0
         weights = is_seen / np.maximum(is_seen.sum(axis=-1, keepdims=True), 1)
-        self.register_buffer("indices", torch.from_numpy(np.maximum(table.indices, 0)).flatten(), persistent=False)
+        self.register_buffer(
+            "indices", torch.from_numpy(np.maximum(table.indices, 0)).flatten().int(), persistent=False
+        )
         self.register_buffer("weights", torch.from_numpy(weights.astype(np.float32))[..., None], persistent=False)
         self.mix = ConvBlock(len(HEIGHTS_M) * channels, BEV_CHANNELS, size=1)
 

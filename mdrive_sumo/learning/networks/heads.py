@@ -4,11 +4,20 @@ Road users are a dense map of centres, boxes and futures, as CenterNet: no match
 (vectorised map elements).
 """
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mdrive_sumo.agents.learned.system_spec import LIDAR_CELLS, NAVIGATION_SIZE, PLAN_POINTS, ROUTE_POINTS
+from mdrive_sumo.agents.learned.navigation import SPEED_SCALE
+from mdrive_sumo.agents.learned.system_spec import (
+    LIDAR_CELLS,
+    LIMIT_ROWS,
+    NAVIGATION_SIZE,
+    PLAN_POINTS,
+)
+from mdrive_sumo.learning.networks.anchor_head import AnchorHead
 from mdrive_sumo.learning.networks.bev_grid import BEV_AHEAD_M, BEV_CELL_M, BEV_CELLS, BEV_CHANNELS, BEV_LEFT_M
 from mdrive_sumo.learning.networks.bev_memory import to_grid
 from mdrive_sumo.learning.networks.blocks import WIDTH, AttentionLayer, ConvBlock, Mlp, flatten_map
@@ -125,30 +134,66 @@ ROUTE_SCALES = (20.0, 20.0, 2.0, 10.0)
 """Divisors of x, y, half lane width [m] and speed limit [m/s] of a route point."""
 
 
-class PlanHead(nn.Module):
-    """One query for each waypoint looks at the tokens; steps between waypoints are summed."""
+WAY_SIZE = NAVIGATION_SIZE + len(LIMIT_ROWS)
 
-    def __init__(self, uses_route: bool, extra_inputs: int = 0) -> None:
+
+def describe_way(inputs: Mapping[str, Tensor]) -> Tensor:
+    """Return navigation and allowed speeds (batch, WAY_SIZE) as numbers about 1."""
+    return torch.cat((inputs["navigation"], inputs["limits"] / SPEED_SCALE), dim=-1)
+
+
+class PlanQueries(nn.Module):
+    """One query for each waypoint looks at the tokens of the scene, then at the others."""
+
+    def __init__(self, goal_inputs: int, looks: int) -> None:
+        """goal_inputs: numbers of the vector that says where to go. looks: layers."""
         super().__init__()
-        route = 4 * ROUTE_POINTS if uses_route else 0
-        self.goal = Mlp(NAVIGATION_SIZE + route + extra_inputs, 2 * WIDTH, WIDTH)
+        self.goal = Mlp(goal_inputs, 2 * WIDTH, WIDTH)
         self.times = nn.Parameter(0.5 * torch.randn(PLAN_POINTS, WIDTH))
-        self.look = nn.ModuleList([AttentionLayer() for _ in range(3)])
+        self.look = nn.ModuleList([AttentionLayer() for _ in range(looks)])
         self.among = AttentionLayer()
-        self.step = nn.Sequential(nn.LayerNorm(2 * WIDTH), Mlp(2 * WIDTH, WIDTH, 2))
 
-    def forward(self, tokens: Tensor, navigation: Tensor, *more: Tensor) -> Tensor:
-        """Return the plan (batch, PLAN_POINTS, 2) [m, ego frame].
-
-        tokens: (batch, T, WIDTH). navigation: (batch, NAVIGATION_SIZE). more: vectors (batch, n), a route first.
-        """
-        goal = self.goal(torch.cat((navigation, *more), dim=-1))
+    def ask(self, tokens: Tensor, goal: Tensor) -> tuple[Tensor, Tensor]:
+        """Return queries (batch, PLAN_POINTS, WIDTH) and goal (batch, WIDTH); see `forward` of the heads."""
+        goal = self.goal(goal)
         queries = self.times + goal[:, None]
         for layer in self.look:
             queries = layer(queries, tokens)
-        queries = self.among(queries, queries)
-        steps = self.step(torch.cat((queries, goal[:, None].expand_as(queries)), dim=-1))
-        return add_steps(steps)
+        return self.among(queries, queries), goal
+
+
+class WaypointsHead(PlanQueries):
+    """Each query answers the step to its waypoint; steps are summed."""
+
+    def __init__(self, goal_inputs: int) -> None:
+        super().__init__(goal_inputs, looks=3)
+        self.step = nn.Sequential(nn.LayerNorm(2 * WIDTH), Mlp(2 * WIDTH, WIDTH, 2))
+
+    def forward(self, tokens: Tensor, goal: Tensor, maps: Tensor, with_auxiliary: bool) -> dict[str, Tensor]:  # noqa: ARG002
+        """Return `plan` (batch, PLAN_POINTS, 2) [m, ego frame].
+
+        tokens: (batch, T, WIDTH). goal: (batch, goal_inputs). maps: (batch, channels, cells, cells), for anchors.
+        """
+        queries, goal = self.ask(tokens, goal)
+        return {"plan": add_steps(self.step(torch.cat((queries, goal[:, None].expand_as(queries)), dim=-1)))}
+
+
+class AnchorPlanHead(PlanQueries):
+    """The queries are what anchors look at; one look at the tokens is theirs."""
+
+    def __init__(self, goal_inputs: int, channels: int) -> None:
+        super().__init__(goal_inputs, looks=2)
+        self.anchors = AnchorHead(channels)
+
+    def forward(self, tokens: Tensor, goal: Tensor, maps: Tensor, with_auxiliary: bool) -> dict[str, Tensor]:
+        """Return what `AnchorHead` does, with logits for losses; arguments as of `WaypointsHead`."""
+        queries, goal = self.ask(tokens, goal)
+        return self.anchors(torch.cat((queries, goal[:, None]), dim=1), maps, with_logits=with_auxiliary)
+
+
+def build_plan_head(plan_head: str, goal_inputs: int, channels: int) -> WaypointsHead | AnchorPlanHead:
+    """Return a head of `system_spec.PLAN_HEADS`; channels: of its maps."""
+    return AnchorPlanHead(goal_inputs, channels) if plan_head == "anchors" else WaypointsHead(goal_inputs)
 
 
 def add_steps(steps: Tensor) -> Tensor:

@@ -10,12 +10,11 @@ from mdrive_sumo.agents.learned.system_spec import (
     COMMANDS,
     INSTRUCTION_WORDS,
     LIDAR_LAYERS,
-    NAVIGATION_SIZE,
     SystemSpec,
 )
 from mdrive_sumo.learning.networks.bev_grid import BEV_CHANNELS
 from mdrive_sumo.learning.networks.blocks import WIDTH, AttentionLayer, ConvBlock, ResidualBlock
-from mdrive_sumo.learning.networks.heads import AgentsHead, OccupancyHead, PlanHead
+from mdrive_sumo.learning.networks.heads import WAY_SIZE, AgentsHead, OccupancyHead, build_plan_head, describe_way
 from mdrive_sumo.learning.networks.surround_encoder import BevTokens, SurroundEncoder
 
 EMBEDDED_WORDS = 256
@@ -59,7 +58,7 @@ class LmdriveNetwork(nn.Module):
 
     without_command: Tensor
 
-    def __init__(self, spec: SystemSpec) -> None:
+    def __init__(self, spec: SystemSpec, plan_head: str) -> None:
         super().__init__()
         self.see = SurroundEncoder(spec)
         self.lidar = LidarEncoder()
@@ -67,21 +66,21 @@ class LmdriveNetwork(nn.Module):
         self.tokens = BevTokens()
         self.text = TextEncoder()
         self.read = AttentionLayer()
-        self.plan = PlanHead(uses_route=False, extra_inputs=WIDTH)
+        self.plan = build_plan_head(plan_head, WAY_SIZE + WIDTH, BEV_CHANNELS)
         self.agents = AgentsHead()
         self.occupancy = OccupancyHead()
-        mask = torch.ones(NAVIGATION_SIZE)
+        mask = torch.ones(WAY_SIZE)
         mask[1 : 1 + len(COMMANDS)] = 0.0
         self.register_buffer("without_command", mask, persistent=False)
 
     def forward(self, inputs: dict[str, Tensor], with_auxiliary: bool = False) -> dict[str, Tensor]:
-        """Return `plan`; with_auxiliary what the auxiliary losses judge."""
+        """Return the plan; with_auxiliary what the auxiliary losses judge."""
         cameras, front = self.see(inputs)
         bev = self.fuse(torch.cat((cameras, self.lidar(inputs["lidar"])), dim=1))
         words, instruction = self.text(inputs["instruction"])
         scene = self.read(torch.cat((self.tokens(bev), front), dim=1), words)
-        navigation = inputs["navigation"] * self.without_command
-        answer = {"plan": self.plan(torch.cat((scene, words), dim=1), navigation, instruction)}
+        goal = torch.cat((describe_way(inputs) * self.without_command, instruction), dim=-1)
+        answer = self.plan(torch.cat((scene, words), dim=1), goal, bev, with_auxiliary)
         if with_auxiliary:
             _, answer["centres"], answer["boxes"] = self.agents(bev)
             answer["occupancy"] = self.occupancy(bev)

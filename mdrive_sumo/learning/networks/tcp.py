@@ -5,10 +5,12 @@ import math
 import torch
 from torch import Tensor, nn
 
-from mdrive_sumo.agents.learned.system_spec import NAVIGATION_SIZE, PLAN_POINTS, SystemSpec
+from mdrive_sumo.agents.learned.system_spec import PLAN_POINTS, SystemSpec
+from mdrive_sumo.learning.networks.anchor_head import AnchorHead
+from mdrive_sumo.learning.networks.bev_grid import BEV_CHANNELS
 from mdrive_sumo.learning.networks.bev_lifting import BevLifting
 from mdrive_sumo.learning.networks.blocks import WIDTH, GatedCell, Mlp, flatten_map
-from mdrive_sumo.learning.networks.heads import STEP_SCALE_M, OccupancyHead, add_steps
+from mdrive_sumo.learning.networks.heads import STEP_SCALE_M, WAY_SIZE, OccupancyHead, add_steps, describe_way
 from mdrive_sumo.learning.networks.image_encoder import WIDE_WIDTHS, ImageEncoder
 
 HIDDEN = 2 * WIDTH
@@ -18,32 +20,57 @@ CONTROL_STEPS = 4
 
 
 class TcpNetwork(nn.Module):
-    """Front camera, speed, command and target points; plan and control. A lifted map is supervised in training only."""
+    """Front camera, speed, command and target points; plan and control. A lifted map is supervised in training only.
 
-    def __init__(self, spec: SystemSpec) -> None:
+    Anchors look at that map and at the states of the trajectory branch, whose own waypoints then only guide control.
+    """
+
+    def __init__(self, spec: SystemSpec, plan_head: str) -> None:
         super().__init__()
         self.image = spec.images[0].name
         self.encoder = ImageEncoder(WIDE_WIDTHS, WIDTH)
-        self.measure = Mlp(NAVIGATION_SIZE, HIDDEN, HIDDEN)
+        self.measure = Mlp(WAY_SIZE, HIDDEN, HIDDEN)
         self.first_look = nn.Linear(HIDDEN, FEATURES)
         self.trajectory = TrajectoryBranch()
         self.control = ControlBranch()
         self.speed = Mlp(FEATURES, WIDTH, 1)
         self.lifting = BevLifting(spec, WIDTH)
         self.occupancy = OccupancyHead()
+        self.anchors = BranchAnchors() if plan_head == "anchors" else None
 
     def forward(self, inputs: dict[str, Tensor], with_auxiliary: bool = False) -> dict[str, Tensor]:
-        """Return `plan`, `control`; with_auxiliary the speed seen [m/s / 10] and the occupancy."""
+        """Return the plan, `control`; with_auxiliary the speed seen [m/s / 10], occupancy, and the branch's `plan`."""
         fine, coarse = self.encoder(inputs[self.image])
         tokens = flatten_map(coarse[:, 0])
-        measured = self.measure(inputs["navigation"])
+        way = describe_way(inputs)
+        measured = self.measure(way)
         pooled = attend(self.first_look(measured), tokens) + tokens.mean(dim=1)
-        plan, states = self.trajectory(torch.cat((pooled, measured), dim=-1), inputs["navigation"])
+        plan, states = self.trajectory(torch.cat((pooled, measured), dim=-1), way)
         answer = {"plan": plan, "control": self.control(pooled, measured, tokens, states)}
+        if self.anchors is None and not with_auxiliary:
+            return answer
+        lifted = self.lifting([fine])
+        if self.anchors is not None:
+            answer |= self.anchors(states, lifted, with_auxiliary)
         if with_auxiliary:
             answer["speed"] = self.speed(tokens.mean(dim=1))[:, 0]
-            answer["occupancy"] = self.occupancy(self.lifting([fine]))
+            answer["occupancy"] = self.occupancy(lifted)
+        else:
+            del answer["plan"]  # the branch's, which guides control
         return answer
+
+
+class BranchAnchors(nn.Module):
+    """Anchors that look at the states of the trajectory branch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tokens = nn.Linear(HIDDEN, WIDTH)
+        self.head = AnchorHead(BEV_CHANNELS)
+
+    def forward(self, states: list[Tensor], maps: Tensor, with_logits: bool) -> dict[str, Tensor]:
+        """Return what `AnchorHead` does. states: of each waypoint (batch, HIDDEN)."""
+        return self.head(self.tokens(torch.stack(states, dim=1)), maps, with_logits)
 
 
 class TrajectoryBranch(nn.Module):
@@ -52,17 +79,17 @@ class TrajectoryBranch(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.start = Mlp(FEATURES + HIDDEN, HIDDEN, HIDDEN)
-        self.cell = GatedCell(2 + NAVIGATION_SIZE, HIDDEN)
+        self.cell = GatedCell(2 + WAY_SIZE, HIDDEN)
         self.step = Mlp(HIDDEN, WIDTH, 2)
 
-    def forward(self, scene: Tensor, navigation: Tensor) -> tuple[Tensor, list[Tensor]]:
+    def forward(self, scene: Tensor, way: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Return the plan (batch, PLAN_POINTS, 2) [m] and the state (batch, HIDDEN) at each of its points."""
         state = self.start(scene)
-        point = torch.zeros_like(navigation[:, :2])
+        point = torch.zeros_like(way[:, :2])
         steps: list[Tensor] = []
         states: list[Tensor] = []
         for _ in range(PLAN_POINTS):
-            state = self.cell(torch.cat((point / 20.0, navigation), dim=-1), state)
+            state = self.cell(torch.cat((point / 20.0, way), dim=-1), state)
             steps.append(self.step(state))
             point = point + steps[-1] * STEP_SCALE_M
             states.append(state)

@@ -5,16 +5,21 @@ The plan slows down where the network expects other road users.
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from mdrive_sumo.agents.learned.system_spec import PLAN_POINTS, SystemSpec
 from mdrive_sumo.learning.networks.bev_grid import BEV_CHANNELS
 from mdrive_sumo.learning.networks.bev_memory import BevMemory
 from mdrive_sumo.learning.networks.heads import (
     BOX_NUMBERS,
+    FINER,
     FUTURE_NUMBERS,
+    TIMES,
+    WAY_SIZE,
     AgentsHead,
     OccupancyHead,
-    PlanHead,
+    build_plan_head,
+    describe_way,
     sample_occupancy,
 )
 from mdrive_sumo.learning.networks.surround_encoder import BevTokens, SurroundEncoder
@@ -91,16 +96,19 @@ DETECTED = 1 + BOX_NUMBERS + FUTURE_NUMBERS
 
 
 class UniadNetwork(nn.Module):
-    """Six cameras. Each task sees what the tasks before it found; the planner avoids the occupancy it expects."""
+    """Six cameras. Each task sees what the tasks before it found; the planner avoids the occupancy it expects.
 
-    def __init__(self, spec: SystemSpec) -> None:
+    Waypoints are slowed down where it lies; anchors look at it.
+    """
+
+    def __init__(self, spec: SystemSpec, plan_head: str) -> None:
         super().__init__()
         self.see = SurroundEncoder(spec)
         self.memory = BevMemory()
         self.agents = AgentsHead()
         self.occupancy = OccupancyHead(BEV_CHANNELS + DETECTED)
         self.tokens = BevTokens(inputs=2 * BEV_CHANNELS + DETECTED)
-        self.plan = PlanHead(uses_route=False)
+        self.plan = build_plan_head(plan_head, WAY_SIZE, BEV_CHANNELS + TIMES * FINER * FINER)
         self.avoid = OccupancyPlanner()
 
     def encode(self, inputs: dict[str, Tensor]) -> Tensor:
@@ -108,14 +116,18 @@ class UniadNetwork(nn.Module):
         return self.see(inputs)[0]
 
     def forward(self, inputs: dict[str, Tensor], with_auxiliary: bool = False) -> dict[str, Tensor]:
-        """Return `plan`, `bev`; with_auxiliary the plan before its correction, and what the auxiliary losses judge."""
+        """Return the plan, `bev`; with_auxiliary the plan before its correction, and what losses judge."""
         bev, front = self.see(inputs)
         mixed, memory = self.memory(bev, inputs["memory"], inputs["motion"])
         features, centres, boxes = self.agents(mixed)
         detected = torch.cat((torch.sigmoid(centres), boxes), dim=1)
         occupancy = self.occupancy(torch.cat((features, detected), dim=1))
         tokens = self.tokens(torch.cat((mixed, features, detected), dim=1))
-        plan = self.plan(torch.cat((tokens, front), dim=1), inputs["navigation"])
+        expected = torch.sigmoid(occupancy.float())
+        maps = torch.cat((features, functional.pixel_unshuffle(expected, FINER).to(features.dtype)), dim=1)
+        answer = self.plan(torch.cat((tokens, front), dim=1), describe_way(inputs), maps, with_auxiliary)
         if with_auxiliary:
-            return {"plan": plan, "bev": memory, "centres": centres, "boxes": boxes, "occupancy": occupancy}
-        return {"plan": self.avoid(plan, torch.sigmoid(occupancy.float())), "bev": memory}
+            return answer | {"bev": memory, "centres": centres, "boxes": boxes, "occupancy": occupancy}
+        if "plan" in answer:
+            answer["plan"] = self.avoid(answer["plan"], expected)
+        return answer | {"bev": memory}

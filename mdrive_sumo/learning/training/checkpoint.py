@@ -8,10 +8,11 @@ from typing import Any
 import torch
 from torch import nn
 
+from mdrive_sumo.agents.learned.system_spec import PLAN_HEADS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import draft_file, make_folder
 
-CHECKPOINT_VERSION = 1
+CHECKPOINT_VERSION = 2
 """Raised when checkpoints of earlier versions do not fit any more."""
 CHECKPOINT_NAME = "checkpoint.pt"
 WEIGHTS_NAME = "weights.pt"
@@ -31,7 +32,15 @@ class Checkpoint:
     generator: Any
     summary: dict[str, Any] = field(default_factory=dict)
     """Data, options, device and last losses: what a model card says about the training."""
+    best: dict[str, Any] = field(default_factory=dict[str, Any])
+    """The average with the least validation error so far; empty before the first look."""
+    plan_head: str = PLAN_HEADS[0]
     version: int = CHECKPOINT_VERSION
+
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """Weights to drive with, or to begin another training with."""
+        return self.best or self.average
 
 
 def check_unused(folder: Path) -> None:
@@ -42,7 +51,8 @@ def check_unused(folder: Path) -> None:
 
 def save_weights(checkpoint: Checkpoint, folder: Path) -> Path:
     """Write DIR/weights.pt, enough to export, or to begin another training with."""
-    return save_checkpoint(replace(checkpoint, network={}, optimizer={}, generator=None), folder, WEIGHTS_NAME)
+    weights = replace(checkpoint, network={}, average=checkpoint.chosen, best={}, optimizer={}, generator=None)
+    return save_checkpoint(weights, folder, WEIGHTS_NAME)
 
 
 def save_checkpoint(checkpoint: Checkpoint, folder: Path, name: str = CHECKPOINT_NAME) -> Path:
@@ -62,16 +72,21 @@ def load_checkpoint(path: Path, system: str | None = None) -> Checkpoint:
         raise InputError(f"{path}: expected a checkpoint of `learn train`, found no file")
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
+        _check_version(path, content)
         checkpoint = Checkpoint(**content)
     except (RuntimeError, EOFError, OSError, TypeError, KeyError, pickle.UnpicklingError) as error:
         raise InputError(
             f"{path}: expected a checkpoint of `learn train`, found an unreadable file ({_shorten(error)})"
         ) from None
-    if checkpoint.version != CHECKPOINT_VERSION:
-        raise InputError(f"{path}: expected a checkpoint of version {CHECKPOINT_VERSION}, found {checkpoint.version}")
     if system is not None and checkpoint.system != system:
         raise InputError(f"{path}: expected a checkpoint of {system!r}, found one of {checkpoint.system!r}")
     return checkpoint
+
+
+def _check_version(path: Path, content: Any) -> None:
+    version = content.get("version") if isinstance(content, dict) else None
+    if isinstance(version, int) and version != CHECKPOINT_VERSION:
+        raise InputError(f"{path}: expected a checkpoint of version {CHECKPOINT_VERSION}, found {version}")
 
 
 def load_whole_checkpoint(path: Path, system: str) -> Checkpoint:

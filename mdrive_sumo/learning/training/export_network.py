@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from mdrive_sumo.agents.learned.network_inputs import describe_inputs, describe_outputs
+from mdrive_sumo.agents.learned.plan_anchors import build_anchors
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS, SystemSpec
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
 from mdrive_sumo.core.errors import InputError
@@ -56,7 +57,7 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True, slots=True)
 class ExportedNetwork:
-    """The two files, and the largest differences [m] of plan and control from PyTorch's."""
+    """The two files, and the largest differences [m] of plan (or scores and offsets) and control from PyTorch's."""
 
     network: Path
     manifest: Path
@@ -67,14 +68,14 @@ class ExportedNetwork:
 
 
 def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None = None) -> ExportedNetwork:
-    """Write DIR/SYSTEM.onnx and DIR/SYSTEM.json from a checkpoint's averaged weights.
+    """Write DIR/SYSTEM.onnx and DIR/SYSTEM.json from a checkpoint's best weights.
 
     arrays: samples of a data set to compare answers on, beside made-up ones.
     Raises InputError if the file is too large or answers otherwise than PyTorch.
     """
     spec = SYSTEMS[checkpoint.system]
-    network = build_network(checkpoint.system)
-    take_weights(network, checkpoint.average, checkpoint.system)
+    network = build_network(checkpoint.system, checkpoint.plan_head)
+    take_weights(network, checkpoint.chosen, checkpoint.system)
     network.eval()
     halved = halve_weights(network)
     make_folder(folder)
@@ -83,7 +84,7 @@ def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None =
     if arrays is not None:
         rows = np.linspace(0, len(arrays["own"]) - 1, CHECKED_REAL_SAMPLES).astype(int)
         samples += [_take_sample(spec, arrays, row) for row in rows.tolist()]
-    inputs, outputs = list(samples[0]), list(describe_outputs(spec))
+    inputs, outputs = list(samples[0]), list(describe_outputs(spec, plan_head=checkpoint.plan_head))
     write_onnx(_Positional(halved, inputs, outputs).eval(), samples[0], outputs, path)
     difference = find_largest(_compare(halved, path, sample) for sample in samples)
     rounding = find_largest(_compare(network, path, sample) for sample in samples)
@@ -123,7 +124,7 @@ def _take_sample(spec: SystemSpec, arrays: Arrays, row: int) -> dict[str, Tensor
         name: torch.rand(empty[name].shape, generator=generator)
         if name in empty
         else torch.from_numpy(arrays[name][row : row + 1])
-        for name in describe_inputs(spec)
+        for name in describe_inputs(spec, has_limits=True)
     }
 
 
@@ -165,23 +166,24 @@ def store_half(model: onnx.ModelProto) -> None:
         model.graph.node.insert(0, node)
 
 
-def run_onnx(path: Path, inputs: Mapping[str, npt.NDArray[np.generic]]) -> list[npt.NDArray[np.float32]]:
-    """Return the outputs of an exported network, by onnxruntime on one core."""
+def run_onnx(path: Path, inputs: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.NDArray[np.float32]]:
+    """Return the outputs by name of an exported network, by onnxruntime on one core."""
     import onnxruntime  # here: only the check of an export needs it
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    return [np.asarray(each) for each in session.run(None, dict(inputs))]
+    names = [output.name for output in session.get_outputs()]
+    return {name: np.asarray(each) for name, each in zip(names, session.run(names, dict(inputs)), strict=True)}
 
 
 def _compare(network: nn.Module, path: Path, sample: Mapping[str, Tensor]) -> float:
-    """Return the largest difference of plan and control between the file and the network."""
+    """Return the largest difference of plan, scores and control between the file and the network."""
     with torch.no_grad():
         expected = network(dict(sample))
     found = run_onnx(path, {name: each.numpy() for name, each in sample.items()})
-    names = [name for name in ("plan", "control") if name in expected]
-    return find_largest(float(np.abs(found[i] - expected[name].numpy()).max()) for i, name in enumerate(names))
+    pairs = [(found[name], each.numpy()) for name, each in expected.items() if name != "bev"]
+    return find_largest(float(np.abs(one - other).max()) for one, other in pairs)
 
 
 def find_largest(differences: Iterable[float]) -> float:
@@ -210,5 +212,8 @@ def _build_manifest(
         bytes=len(content),
         parameters=count_parameters(network),
         memory_shape=tuple(sample["memory"].shape[1:]) if "memory" in sample else (),
+        has_limits=True,
+        plan_head=checkpoint.plan_head,
+        anchors=build_anchors().digest if checkpoint.plan_head == "anchors" else "",
         training=checkpoint.summary,
     )

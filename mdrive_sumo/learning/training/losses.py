@@ -1,6 +1,6 @@
 """What a system's answers cost: imitation, collisions, the lane's edge, and auxiliary losses on what it should see.
 
-`compute_losses` weights the parts by one table for all systems.
+`compute_losses` weights the parts by one table for all systems; those of scored anchors are in `anchor_losses`.
 """
 
 from collections.abc import Mapping
@@ -25,17 +25,22 @@ LOSS_WEIGHTS: Mapping[str, float] = MappingProxyType(
         "agents": 0.5,
         "map": 0.3,
         "speed": 0.1,
+        "offset": 1.0,
+        "choice": 0.5,
+        "teacher": 2.0,
     }
 )
 """The plan's unit is a metre; the others are scaled to about a tenth up to a half of it after the first steps."""
 
 
 def compute_losses(answer: Mapping[str, Tensor], batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Return the parts of the loss that the answer of a network allows, and their weighted sum as `total`."""
+    """Return the parts of the loss that the answer of a network without anchors allows; `add_up` weights them."""
     expert = batch["expert_plan"]
-    parts = {"plan": compute_plan_loss(answer["plan"], expert)}
-    parts["collision"] = compute_collision_loss(answer["plan"], expert, batch["boxes"], batch["futures"])
-    parts["lane"] = compute_lane_loss(answer["plan"], expert, batch["route"])
+    parts: dict[str, Tensor] = {}
+    if "plan" in answer:
+        parts["plan"] = compute_plan_loss(answer["plan"], expert)
+        parts["collision"] = compute_collision_loss(answer["plan"], expert, batch["boxes"], batch["futures"])
+        parts["lane"] = compute_lane_loss(answer["plan"], expert, batch["route"])
     if "control" in answer:
         parts["control"] = compute_control_loss(answer["control"], batch["expert_control"])
     if "occupancy" in answer:
@@ -46,8 +51,12 @@ def compute_losses(answer: Mapping[str, Tensor], batch: Mapping[str, Tensor]) ->
         parts["map"] = compute_map_loss(answer["lines"], answer["is_lane"], batch["lane_graph"])
     if "speed" in answer:
         parts["speed"] = compute_speed_loss(answer["speed"], batch["own"])
-    total = sum((LOSS_WEIGHTS[name] * part for name, part in parts.items()), start=expert.new_zeros(()))
-    return parts | {"total": total}
+    return parts
+
+
+def add_up(parts: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Return the parts with their weighted sum as `total`."""
+    return {**parts, "total": torch.stack([LOSS_WEIGHTS[name] * part for name, part in parts.items()]).sum()}
 
 
 EGO_HALF_M = (2.5, 1.1)
@@ -109,12 +118,25 @@ def compute_lane_loss(plan: Tensor, expert: Tensor, route: Tensor) -> Tensor:
 
 def measure_offset(points: Tensor, route: Tensor) -> Tensor:
     """Return distances (batch, n) [m] of points (batch, n, 2) from a route's polyline (batch, p, 4)."""
-    start, end = route[:, None, :-1, :2], route[:, None, 1:, :2]
-    along = end - start
-    step = points[:, :, None] - start
-    share = (step * along).sum(dim=-1) / ((along * along).sum(dim=-1) + 1e-6)
-    gap = step - share.clamp(0.0, 1.0)[..., None] * along
-    return torch.sqrt((gap * gap).sum(dim=-1).amin(dim=-1) + 1e-6)
+    return project_on_route(points, route)[0]
+
+
+def project_on_route(points: Tensor, route: Tensor) -> tuple[Tensor, Tensor]:
+    """Return distances from a route's polyline (batch, p, 4) and stations on it (batch, n) [m] of points (batch, n, 2).
+
+    Coordinates apart: sums over two numbers take most of the time otherwise.
+    """
+    x, y = route[:, None, :, 0], route[:, None, :, 1]
+    along_x, along_y = torch.diff(x, dim=-1), torch.diff(y, dim=-1)
+    squared = along_x * along_x + along_y * along_y
+    step_x, step_y = points[:, :, None, 0] - x[..., :-1], points[:, :, None, 1] - y[..., :-1]
+    share = ((step_x * along_x + step_y * along_y) / (squared + 1e-6)).clamp(0.0, 1.0)
+    gap_x, gap_y = step_x - share * along_x, step_y - share * along_y
+    nearest, row = (gap_x * gap_x + gap_y * gap_y).min(dim=-1)
+    length = torch.sqrt(squared).expand_as(share)
+    before = length.cumsum(dim=-1) - length
+    station = before.gather(2, row[..., None]) + (share * length).gather(2, row[..., None])
+    return torch.sqrt(nearest + 1e-6), station[..., 0]
 
 
 OCCUPIED_WEIGHT = 4.0

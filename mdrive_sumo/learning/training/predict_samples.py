@@ -7,6 +7,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
+from mdrive_sumo.agents.learned.plan_anchors import decode_plans
 from mdrive_sumo.learning.networks.bev_grid import compute_cell_centres
 from mdrive_sumo.learning.networks.bev_memory import halve_motion, warp_memory
 from mdrive_sumo.learning.training.training_data import TrainingData, build_empty_memory
@@ -55,10 +56,18 @@ def predict_samples(
     for start in range(0, len(rows), batch):
         chosen = torch.from_numpy(rows[start : start + batch])
         answer = network(_take_inputs(network, data, chosen, blind))
-        plans.append(answer["plan"].float().cpu())
+        plans.append(_take_plans(answer))
         if "control" in answer:
             controls.append(answer["control"].float().cpu())
     return Predictions(torch.cat(plans).numpy(), torch.cat(controls).numpy() if controls else None)
+
+
+def _take_plans(answer: dict[str, Tensor]) -> Tensor:
+    """Return the plans (batch, PLAN_POINTS, 2) [m], decided by anchors as a car's are."""
+    if "anchor_scores" not in answer:
+        return answer["plan"].float().cpu()
+    scores, offsets = (answer[name].float().cpu().numpy() for name in ("anchor_scores", "anchor_offsets"))
+    return torch.from_numpy(decode_plans(scores, offsets).astype(np.float32))
 
 
 def _take_inputs(network: nn.Module, data: TrainingData, rows: Tensor, blind: bool) -> dict[str, Tensor]:

@@ -82,12 +82,13 @@ def _run(run: TrainingRun, report: Report) -> Path:
     kinds = ", ".join(f"{kind} {count}" for kind, count in trainer.summary["kinds"].items())
     report(f"{run.system}: {trainer.summary['samples']} samples in the memory of {data.place}: {kinds}")
     trainer.train(data, shares, run.folder, validation.glance)
-    found = validation.describe(trainer.average.network)
+    found = validation.describe(trainer.copy_best())
     trainer.summary["validation"] = found
     write_text(run.folder / VALIDATION_NAME, json.dumps(found, indent=1) + "\n")
     report(
         f"validation: ADE over 3 s {found['plan']['ade_3s_m']:.3f} m, constant velocity"
-        f" {found['constant_velocity']['ade_3s_m']:.3f} m, blind {found['blackout']['ade_3s_m']:.3f} m"
+        f" {found['constant_velocity']['ade_3s_m']:.3f} m, blind {found['blackout']['ade_3s_m']:.3f} m;"
+        f" {', '.join(f'{name} {value:.3f}' for name, value in found['judged'].items())}"
     )
     return trainer.save(run.folder)
 
@@ -123,7 +124,10 @@ def _check_resumed(path: Path, checkpoint: Checkpoint, run: TrainingRun) -> None
     before, now = checkpoint.summary, _describe_data(run) | {"options": asdict(run.options)}
     pairs = {name: (before.get(name), now[name]) for name in ("sources", "kinds")}
     options = before.get("options", {})
-    pairs |= {f"--{name}": (options.get(name), now["options"][name]) for name in ("seed", "batch")}
+    pairs |= {
+        f"--{name.replace('_', '-')}": (options.get(name), now["options"][name])
+        for name in ("seed", "batch", "plan_head")
+    }
     for what, (then, here) in pairs.items():
         if then != here:
             raise InputError(

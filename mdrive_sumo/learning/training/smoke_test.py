@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from mdrive_sumo.agents.learned.system_spec import SYSTEMS
+from mdrive_sumo.agents.learned.system_spec import PLAN_HEADS, SYSTEMS
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
 from mdrive_sumo.learning.training.run_training import Arrays
 from mdrive_sumo.learning.training.trainer import Trainer
@@ -33,12 +33,14 @@ class SmokeResult:
         return self.last < self.first
 
 
-def run_smoke_test(system: str, folder: Path, arrays: Arrays | None = None) -> SmokeResult:
+def run_smoke_test(
+    system: str, folder: Path, arrays: Arrays | None = None, plan_head: str = PLAN_HEADS[0]
+) -> SmokeResult:
     """Train a system for STEPS steps on the CPU and compare its losses. arrays: made-up samples if None."""
     spec = SYSTEMS[system]
     given = build_synthetic_arrays(spec, SAMPLES, seed=0) if arrays is None else arrays
     data = {name: values[:SAMPLES] for name, values in given.items()}
-    options = TrainingOptions(steps=STEPS, batch=BATCH, log_every=1)
+    options = TrainingOptions(steps=STEPS, batch=BATCH, log_every=1, plan_head=plan_head)
     device = torch.device("cpu")
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # on a busy machine, two threads that wait for each other take eight times as long

@@ -18,9 +18,10 @@ from torch import Tensor, nn
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
+from mdrive_sumo.learning.training.anchor_losses import compute_anchor_losses
 from mdrive_sumo.learning.training.augment import MEMORY_DROPOUT, augment_inputs
 from mdrive_sumo.learning.training.checkpoint import Checkpoint, save_checkpoint, save_weights, take_weights
-from mdrive_sumo.learning.training.losses import compute_losses
+from mdrive_sumo.learning.training.losses import add_up, compute_losses
 from mdrive_sumo.learning.training.predict_samples import recall_previous
 from mdrive_sumo.learning.training.training_curves import TrainingCurves
 from mdrive_sumo.learning.training.training_data import TrainingData
@@ -30,6 +31,8 @@ MOST_GRADIENT = 5.0
 """Longer gradients are shortened to it."""
 TELL_EVERY_S = 30.0
 """A step of a large network takes this long on a processor; progress is told no more rarely."""
+CHOSEN_BY = "validation/ade_3s_m"
+"""Name of the measured value that is least in the weights that are given away."""
 GLANCES = 10
 """Looks at the validation data in a run, for the curves."""
 
@@ -60,15 +63,17 @@ class Trainer:
         options: TrainingOptions,
         device: torch.device,
         report: Callable[[str], object] = str,
-        build: Callable[[str], nn.Module] = build_network,
+        build: Callable[[str], nn.Module] | None = None,
     ) -> None:
-        """Build a network with fresh weights. report: receives a line of progress now and then."""
+        """Build a network with fresh weights. report: receives a line of progress now and then. build: makes the
+        network of other trainers."""
         torch.manual_seed(options.seed)
         self.system = system
         self.options = options
         self.device = device
         self._report = report
-        self.network = build(system).to(device, memory_format=torch.channels_last)
+        network = build_network(system, options.plan_head) if build is None else build(system)
+        self.network = network.to(device, memory_format=torch.channels_last)
         self.average = MovingAverage(self.network, options.average_decay)
         self.optimizer = torch.optim.AdamW(
             self.network.parameters(),
@@ -79,6 +84,8 @@ class Trainer:
         self.generator = torch.Generator(device).manual_seed(options.seed)
         self.step = 0
         self.elapsed_s = 0.0
+        self.best: dict[str, Tensor] = {}
+        """The averaged weights with the least ADE of all looks at the validation data."""
         self.summary: dict[str, Any] = {"parameters": count_parameters(self.network)}
 
     def resume(self, checkpoint: Checkpoint) -> None:
@@ -88,22 +95,33 @@ class Trainer:
         self.optimizer.load_state_dict(checkpoint.optimizer)
         self.step, self.elapsed_s = checkpoint.step, checkpoint.elapsed_s
         self.summary = checkpoint.summary
+        self.best = {name: each.to(self.device) for name, each in checkpoint.best.items()}
         if checkpoint.generator.shape == self.generator.get_state().shape:
             self.generator.set_state(checkpoint.generator)
         else:  # of another kind of device, whose random numbers are others
             self.generator.manual_seed(self.options.seed + self.step)
 
     def begin_with(self, checkpoint: Checkpoint) -> None:
-        """Take the averaged weights of a checkpoint, and nothing else. Raises InputError."""
-        take_weights(self.network, checkpoint.average, self.system)
-        take_weights(self.average.network, checkpoint.average, self.system)
+        """Take the chosen weights of a checkpoint, and nothing else. Raises InputError."""
+        if checkpoint.plan_head != self.options.plan_head:
+            raise InputError(
+                f"--init: expected weights with the plan head {self.options.plan_head}, found {checkpoint.plan_head}"
+            )
+        take_weights(self.network, checkpoint.chosen, self.system)
+        take_weights(self.average.network, checkpoint.chosen, self.system)
+
+    def copy_best(self) -> nn.Module:
+        """Return the network with the weights that the checkpoint gives away."""
+        network = copy.deepcopy(self.average.network)
+        take_weights(network, self.best or self.average.network.state_dict(), self.system)
+        return network
 
     def save(self, folder: Path) -> Path:
         """Write a checkpoint, and its weights apart, and return its path."""
         self.summary |= {"steps": self.step, "minutes": self.elapsed_s / 60.0}
         checkpoint = Checkpoint(
             self.system, self.step, self.elapsed_s, self.network.state_dict(), self.average.network.state_dict(),
-            self.optimizer.state_dict(), self.generator.get_state(), self.summary,
+            self.optimizer.state_dict(), self.generator.get_state(), self.summary, self.best, self.options.plan_head,
         )  # fmt: skip
         save_weights(checkpoint, folder)
         return save_checkpoint(checkpoint, folder)
@@ -118,7 +136,8 @@ class Trainer:
         """Train until the steps or the minutes are used up; returns the last losses.
 
         data: what `_compute_losses` takes samples from, here `TrainingData`. shares: (M,) how often each sample is
-        drawn, 0: never. glance: measures the averaged network, GLANCES times.
+        drawn, 0: never. glance: measures the averaged network, GLANCES times; the weights with the least CHOSEN_BY are
+        given away, without such a value the last ones.
         Raises InputError when the loss is no number; the last checkpoint stays. Raises KeyboardInterrupt after Ctrl-C,
         with a new checkpoint. The first step does not count as time.
         """
@@ -137,17 +156,28 @@ class Trainer:
                 self._tell_progress(session, progress)
                 if glance is not None and int(progress * GLANCES) > glances:
                     glances = int(progress * GLANCES)
-                    session.curves.add(self.step, glance(self.average.network))
+                    self._look(session, glance)
                     session.timed_step, session.timed = self.step, time.monotonic()
                 if time.monotonic() - session.saved > self.options.save_every_s:
                     self._check(session.parts, folder)
                     self.save(folder)
                     session.saved = time.monotonic()
+        if glance is not None and session.parts and not interrupt.is_due:
+            self._look(session, glance)
         session.curves.close()
         losses = self._finish(self._check(session.parts, folder) or session.losses, folder)
         if interrupt.is_due and progress < 1.0:
             raise KeyboardInterrupt
         return losses
+
+    def _look(self, session: _Session, glance: Callable[[nn.Module], Mapping[str, float]]) -> None:
+        """Measure the averaged network, and remember it if it is the best so far."""
+        found = glance(self.average.network)
+        session.curves.add(self.step, found)
+        error = found.get(CHOSEN_BY)
+        if error is not None and (not self.best or error < self.summary["best"][CHOSEN_BY]):
+            self.summary["best"] = {"step": self.step, CHOSEN_BY: error}
+            self.best = {name: each.clone() for name, each in self.average.network.state_dict().items()}
 
     def _keep_time(self, session: _Session) -> None:
         if not session.losses:  # the first step loads and chooses the GPU's programs: 10 s on a busy machine
@@ -198,7 +228,11 @@ class Trainer:
                 kept = torch.rand(len(rows), generator=self.generator, device=self.device) >= MEMORY_DROPOUT
                 inputs |= recall_previous(self.network, images, motion, is_there & kept)
             answer = self.network(inputs, with_auxiliary=True)
-        return compute_losses(answer, data.take_labels(rows))
+        labels = data.take_labels(rows)
+        parts = compute_losses(answer, labels)
+        if "anchor_logits" in answer:
+            parts |= compute_anchor_losses(answer, labels)
+        return add_up(parts)
 
     def _check(self, parts: Mapping[str, Tensor], folder: Path) -> dict[str, float]:
         """Return the losses as numbers. Raises InputError if one is none."""

@@ -22,7 +22,7 @@ class TrainingData:
         self.spec = spec
         self.device = device
         self._names = [image.name for image in spec.images]
-        inputs = [*self._names, "navigation", *_name_optional(spec)]
+        inputs = [*self._names, "navigation", "limits", *_name_optional(spec)]
         size = sum(arrays[name].nbytes for name in {*inputs, *LABELS})
         place = device if _fits(size, device) else torch.device("cpu")
         self._tensors = {name: torch.from_numpy(arrays[name]).to(place) for name in dict.fromkeys((*inputs, *LABELS))}

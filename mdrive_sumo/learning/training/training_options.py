@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from mdrive_sumo.agents.learned.system_spec import PLAN_HEADS
 from mdrive_sumo.core import portable
 
 WARM_UP_STEPS = 200
@@ -18,6 +19,7 @@ class TrainingOptions:
     learning_rate: float = 1e-3
     weight_decay: float = 0.02
     seed: int = 0
+    plan_head: str = PLAN_HEADS[0]
     average_decay: float = 0.998
     max_minutes: float | None = None
     """The run ends itself by then; the learning rate falls with whichever of steps and time is nearer to its end."""

@@ -220,7 +220,8 @@ def test_boxes_that_live_together_exchange_no_bit(backend: str, shared: Path) ->
     remove_idle_files(MEMORY, (SLOT, SLOT + 1))
 
 
-@pytest.mark.parametrize("backend", ["bubblewrap", pytest.param("gvisor", marks=[NEEDS_GVISOR, pytest.mark.full])])
+@pytest.mark.full
+@pytest.mark.parametrize("backend", ["bubblewrap", pytest.param("gvisor", marks=NEEDS_GVISOR)])
 def test_boxes_that_follow_each_other_exchange_no_bit(backend: str, shared: Path) -> None:
     found = carry_in_turns(shared, backend=backend, copies=MEMORY)
     last = {channel: tuple({str(now) for _, now in seen[bit]} for bit in (0, 1)) for channel, seen in found.items()}
@@ -242,6 +243,7 @@ def test_without_boxes_every_channel_carries_every_bit(shared: Path) -> None:
     assert missing == set()
 
 
+@pytest.mark.full
 def test_without_boxes_every_number_carries_the_bits_of_a_sender_that_has_ended(shared: Path) -> None:
     missing = set(NUMBERS) - NOISY - MOVED_BY_OTHERS
     for _ in range(LOOKS):

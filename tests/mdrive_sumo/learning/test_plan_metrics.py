@@ -105,6 +105,7 @@ def test_what_is_trained_on_does_not_validate(tmp_path: Path) -> None:
     train, more = write_about(tmp_path / "a", "train", 0), write_about(tmp_path / "b", "train", 1)
     val = write_about(tmp_path / "val", "val", 0)
     check_apart([train, more], [val])
+    check_apart([tmp_path / "of no interest"], [])
     with pytest.raises(InputError, match=r"--val .*b: expected places that are not trained on, found those of --data"):
         check_apart([train, more], [val, more])
 

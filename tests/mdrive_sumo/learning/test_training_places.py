@@ -64,6 +64,8 @@ def test_drawn_places_lie_in_the_folder_and_are_drawn_once(tmp_path: Path, monke
     assert notes == [f"2 places for {SCENARIOS_PER_PLACE + 1} scenarios: {tmp_path}"]
     made = {path: path.stat().st_mtime_ns for path in sorted(tmp_path.glob("*/*"))}
     assert len(made) >= 6  # three files of each place
+    draw_training_places("test", 5, 1, tmp_path, 2, notes.append)
+    assert notes[1] == f"1 place for 1 scenario: {tmp_path}"
     open_training_place.cache_clear()
     kinds = [open_training_place(find_place("test", 5, k * SCENARIOS_PER_PLACE, tmp_path)) for k in range(2)]
     assert all(roads.folder.parent == tmp_path and roads.name.startswith(kind) for kind, roads in kinds)

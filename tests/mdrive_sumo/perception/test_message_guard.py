@@ -13,10 +13,10 @@ from testing.planning import own, seen, things
 from mdrive_sumo.contract import Message, Objects, Observation, OwnState
 from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.state import DT
+from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.perception.announced_motion import AnnouncedMotion
 from mdrive_sumo.perception.claim_history import Claim, ClaimHistory
-from mdrive_sumo.perception.free_view import find_near, find_seen_through
+from mdrive_sumo.perception.free_view import find_near, find_opaque, find_seen_through
 from mdrive_sumo.perception.message_guard import MessageGuard
 from mdrive_sumo.perception.sender_trust import SenderTrust
 from mdrive_sumo.perception.witnesses import Witness, find_refuted_by_others, make_witness
@@ -43,7 +43,7 @@ def look(tick: int, free_m: Float = FREE, detected: Objects | None = None, *mess
 
 
 def refute(boxes: Objects, eye: OwnState, free_m: Float, sigma: float = 0.0) -> list[bool]:
-    return find_seen_through(boxes, np.full(len(boxes), sigma), eye, free_m).tolist()
+    return (find_opaque(boxes) & find_seen_through(boxes, np.full(len(boxes), sigma), eye, free_m)).tolist()
 
 
 def test_a_box_is_refuted_by_a_ray_through_it_that_goes_on() -> None:
@@ -230,6 +230,15 @@ def test_a_phantom_in_plain_view_costs_its_sender_the_trust_in_its_reports_and_n
         else:
             assert screened is observation
     assert fallen_at == {LIAR: 20} and guard.is_believed(LIAR)
+
+
+def test_a_person_is_not_refuted_by_a_view_that_goes_on_behind() -> None:
+    """Views go past people: they are no higher than what hides nothing."""
+    guard = MessageGuard(IDEAL)
+    for tick in range(80):
+        person = replace(car(25.0, 0.0), kind=np.array([Kind.PEDESTRIAN], dtype=np.uint8))
+        observation = look(tick, FREE, None, sent(cpm_of(tick, person), HONEST))
+        assert guard.screen(observation) == (observation, frozenset(), ())
 
 
 @pytest.mark.parametrize("hidden", [True, False])

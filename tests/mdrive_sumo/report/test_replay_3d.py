@@ -135,6 +135,7 @@ def test_without_webgl_a_sentence_says_so_and_the_map_stays(gl_browser: Any, rep
     tab.close()
 
 
+@pytest.mark.full
 @needs_browser
 def test_two_replays_in_step_show_it_together(gl_browser: Any, replay_file: Path, tmp_path: Path) -> None:
     sides = [InStepSide(name, "", "runs/x", 60.0, replay_file.read_text("utf-8")) for name in "AB"]

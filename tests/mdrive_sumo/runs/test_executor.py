@@ -127,6 +127,7 @@ def test_without_dask_one_is_told_what_to_install(fakes: ModuleType, monkeypatch
         opened(fakes, "tcp://127.0.0.1:1")
 
 
+@pytest.mark.full
 @pytest.mark.slow
 def test_a_cluster_gives_the_outcomes_of_the_pool(fakes: ModuleType, two_workers: Cluster) -> None:
     deeds = ("answer", "raise", "kill", "input", "nap", "world", "segfault", "answer")

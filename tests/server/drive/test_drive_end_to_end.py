@@ -45,6 +45,7 @@ def finish(page: Any, driver: KeyDriver) -> None:
     wait_for(page, lambda: driver.mode == "finished")
 
 
+@pytest.mark.full
 def test_a_person_drives_to_the_goal_goes_back_and_hands_over(browser: Any, tmp_path: Path) -> None:
     folder = tmp_path / "drive"
     trouble: list[str] = []

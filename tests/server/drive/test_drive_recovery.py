@@ -12,6 +12,7 @@ from server.drive.protocol import FrameState
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.full
 def test_two_people_a_lost_one_a_killed_server_and_the_way_back(tmp_path: Path) -> None:
     folder = tmp_path / "drive"
     with run_drive("i11_ins_sl_town", "--cav", 0, "--cav", 1, "--out", folder) as command:  # noqa: SIM117

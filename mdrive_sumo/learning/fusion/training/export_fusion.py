@@ -155,7 +155,9 @@ def _compare(network: nn.Module, path: Path, inputs: Mapping[str, Tensor]) -> fl
     with torch.no_grad():
         expected = network.eval()(*inputs.values())
     found = run_onnx(path, {name: each.numpy() for name, each in inputs.items()})
-    return find_largest(float(np.abs(one - other.numpy()).max()) for one, other in zip(found, expected, strict=True))
+    return find_largest(
+        float(np.abs(one - other.numpy()).max()) for one, other in zip(found.values(), expected, strict=True)
+    )
 
 
 def _check(exported: ExportedDetector) -> None:

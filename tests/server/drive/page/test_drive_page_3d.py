@@ -46,6 +46,7 @@ def count_colours(page: Any) -> int:
     }""")
 
 
+@pytest.mark.full
 def test_all_views_draw_all_there_is(opened: Opened) -> None:
     server = opened(size=SMALL)
     page = started(server)

@@ -60,6 +60,7 @@ async def wait_until(is_so: Callable[[], bool]) -> None:
     raise AssertionError("expected it to become so")
 
 
+@pytest.mark.full
 def test_a_drive_is_continued_after_a_crash_and_counts_when_it_is_given_up(tmp_path: Path) -> None:
     async def begin(service: StudyService, host: DriveHost) -> None:
         await service.consent("P01")

@@ -82,6 +82,7 @@ def test_a_run_of_an_agent_that_is_not_built_in_is_entered_by_its_replies(suite:
         run_drive(enter_too_late)
 
 
+@pytest.mark.full
 def test_a_take_with_other_agents_than_the_drive_is_entered(suite: Path, tmp_path: Path) -> None:
     """The agents that drove in it drive again, and its cars send what they sent."""
     take = tmp_path / "first" / "takes" / "1"

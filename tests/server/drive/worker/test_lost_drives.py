@@ -25,6 +25,7 @@ from server.drive.worker.waiting_takes import MAX_LEFT
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("victim", ["supervisor", "everything"])
 def test_a_killed_drive_loses_nothing(suite: Path, tmp_path: Path, victim: str) -> None:
     """Every action before the kill is in the journal: the take is finished as left; a new one goes on from there."""
@@ -175,6 +176,7 @@ def test_going_back_to_a_take_that_is_just_being_dropped_is_going_back_to_its_pa
     verify(tree.find_folder(4))
 
 
+@pytest.mark.full
 def test_many_takes_that_wait_are_no_processes_and_are_finished_all_the_same(suite: Path, tmp_path: Path) -> None:
     folder, count = tmp_path / "drive", MAX_LEFT + 8
 
@@ -199,6 +201,7 @@ def test_many_takes_that_wait_are_no_processes_and_are_finished_all_the_same(sui
     verify(tree.find_folder(2))
 
 
+@pytest.mark.full
 def test_a_take_whose_journal_is_damaged_is_void_and_the_drive_goes_on(suite: Path, tmp_path: Path) -> None:
     folder = tmp_path / "drive"
 

@@ -7,10 +7,8 @@ from testing.drives import make_setup
 from testing.random_drives import RandomDrive, check_takes
 
 
-@pytest.mark.parametrize(
-    ("count", "seed"),
-    [pytest.param(40, 2, marks=pytest.mark.slow), pytest.param(1000, 2, marks=pytest.mark.full)],
-)
+@pytest.mark.full
+@pytest.mark.parametrize(("count", "seed"), [(40, 2), (1000, 2)])
 def test_every_take_of_a_random_drive_verifies(suite: Path, tmp_path: Path, count: int, seed: int) -> None:
     drive = RandomDrive(make_setup(tmp_path / "drive", suite, speed_up=1000.0, people=("0", "1")), count, seed)
     drive.run()

@@ -81,6 +81,7 @@ def test_a_wrong_setup_costs_one_sentence(
     assert not (tmp_path / "drive").exists()
 
 
+@pytest.mark.full
 def test_folders_that_are_no_place_for_this_drive_cost_one_sentence(suite: Path, tmp_path: Path) -> None:
     async def leave_one(session: DriveSession) -> None:
         await session.open(make_setup(tmp_path / "drive", suite))
@@ -105,6 +106,7 @@ def test_folders_that_are_no_place_for_this_drive_cost_one_sentence(suite: Path,
             run_drive(drive)
 
 
+@pytest.mark.full
 def test_a_folder_in_which_another_drive_goes_on_costs_one_sentence(suite: Path, tmp_path: Path) -> None:
     """Both would give their next take the same number. The lock ends with the last process of the first drive."""
     setup = make_setup(tmp_path / "drive", suite)
