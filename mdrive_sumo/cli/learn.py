@@ -11,6 +11,7 @@ from mdrive_sumo.cli.learn_demonstrations import command as demonstrations_comma
 from mdrive_sumo.cli.learn_detectors import evaluate_command as evaluate_detectors_command
 from mdrive_sumo.cli.learn_detectors import export_command as export_detector_command
 from mdrive_sumo.cli.learn_detectors import train_command as train_detector_command
+from mdrive_sumo.cli.learn_scans import command as scans_command
 from mdrive_sumo.cli.learn_train import command as train_command
 from mdrive_sumo.cli.options import workers_option
 from mdrive_sumo.core.output_files import make_parents, write_text
@@ -97,6 +98,7 @@ command = click.Group(
 )
 command.add_command(data_command)
 command.add_command(demonstrations_command)
+command.add_command(scans_command)
 command.add_command(train_command)
 command.add_command(evaluate_command)
 command.add_command(export_command)

@@ -2,9 +2,9 @@
 
 import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn, TypeVar
 
 import click
 
@@ -16,19 +16,78 @@ from mdrive_sumo.learning.collection_settings import EXPERTS, CollectionSettings
 from mdrive_sumo.learning.recorded_rigs import RIG_NAMES, parse_rig_names
 from mdrive_sumo.learning.sample_format import PLACES_FOLDER, SPLITS, CollectedScenario, DatasetFile, ShardEntry
 
+Result = TypeVar("Result")
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
+
+
+def collection_options(expert: str) -> Callable[[Decorated], Decorated]:
+    """Return the options of commands that drive training scenarios; expert: the default of `--expert`."""
+    options = (
+        click.option(
+            "--split",
+            type=click.Choice(SPLITS),
+            required=True,
+            help="Places for training, validation, or the final test.",
+        ),
+        click.option(
+            "--scenarios", type=click.IntRange(1, 1_000_000), required=True, metavar="N", help="How many scenarios."
+        ),
+        click.option(
+            "--expert",
+            type=click.Choice(EXPERTS),
+            default=expert,
+            show_default=True,
+            help="What drives, or gives the labels.",
+        ),
+        click.option(
+            "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the data set."
+        ),
+        workers_option,
+        click.option(
+            "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of everything drawn."
+        ),
+        click.option(
+            "--places",
+            type=click.Path(path_type=Path, file_okay=False),
+            help="Places of the scenarios; what is missing is drawn.  [default: places, beside --out]",
+        ),
+        click.option("--fresh", is_flag=True, help="Start anew instead of continuing."),
+        click.option(
+            "--suite", default="", hidden=True, help="Tests: scenarios of a suite instead of training scenarios."
+        ),
+    )
+
+    def decorate(command: Decorated) -> Decorated:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def run_collection(out: Path, fresh: bool, collect: Callable[[], Result]) -> Result:
+    """Return what `collect` returns; after Ctrl-C say how the collection continues, and exit."""
+    try:
+        return collect()
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
+        again = "the same command" + (" without --fresh" if fresh else "")
+        echo(f"interrupted; {again} continues {out}", err=True)
+        click.get_current_context().exit(130)
+
+
+def exit_after_collection(scenarios: Sequence[CollectedScenario], requested: int) -> NoReturn:
+    """Say which scenarios failed, and exit with 0 if all that were requested are done."""
+    failed = [scenario for scenario in scenarios if scenario.status == "failed"]
+    for scenario in failed:
+        name = f" ({scenario.scenario})" if scenario.scenario else ""
+        echo(f"scenario {scenario.index}{name} failed: {scenario.reason}", err=True)
+    click.get_current_context().exit(1 if failed or len(scenarios) < requested else 0)
+
 
 @click.command("data")
-@click.option(
-    "--split", type=click.Choice(SPLITS), required=True, help="Places for training, validation, or the final test."
-)
-@click.option("--scenarios", type=click.IntRange(1, 1_000_000), required=True, metavar="N", help="How many scenarios.")
-@click.option(
-    "--expert", type=click.Choice(EXPERTS), default=EXPERTS[0], show_default=True, help="What gives the labels."
-)
+@collection_options(EXPERTS[0])
 @click.option("--rig", "rigs", multiple=True, metavar="|".join(RIG_NAMES), help="Cameras to record; may repeat.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the data set.")
-@workers_option
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of everything drawn.")
 @click.option(
     "--perturb",
     type=FiniteRange(0.0, 10.0),
@@ -51,36 +110,17 @@ from mdrive_sumo.learning.sample_format import PLACES_FOLDER, SPLITS, CollectedS
     type=click.IntRange(0, 1000),
     help="DAgger: number of the round.  [default: 1; 0 without --driver]",
 )
-@click.option(
-    "--places",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Places of the scenarios; what is missing is drawn.  [default: places, beside --out]",
-)
-@click.option("--fresh", is_flag=True, help="Start anew instead of continuing.")
-@click.option("--suite", default="", hidden=True, help="Tests: scenarios of a suite instead of training scenarios.")
-@click.pass_context
-def command(ctx: click.Context, out: Path, scenarios: int, workers: int, fresh: bool, **options: Any) -> None:
+def command(out: Path, scenarios: int, workers: int, fresh: bool, **options: Any) -> None:
     """Make training data: drive training scenarios with an expert and keep what a learner sees, with the answers.
 
     The same command continues after an interruption; a larger --scenarios extends the data set.
     """
     settings = _parse_settings(options, (options["places"] or out.parent / PLACES_FOLDER).resolve())
     display = CollectionDisplay()
-    try:
-        dataset = collect_dataset(settings, out, scenarios, workers, display, fresh)
-    except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
-        again = "the same command" + (" without --fresh" if fresh else "")
-        echo(f"interrupted; {again} continues {out}", err=True)
-        ctx.exit(130)
+    dataset = run_collection(out, fresh, lambda: collect_dataset(settings, out, scenarios, workers, display, fresh))
     echo(format_dataset(dataset))
     echo(f"{out}  {len(dataset.shards)} shards and dataset.json")
-    failed = [scenario for scenario in _list_scenarios(dataset) if scenario.status == "failed"]
-    for scenario in failed:
-        name = f" ({scenario.scenario})" if scenario.scenario else ""
-        echo(f"scenario {scenario.index}{name} failed: {scenario.reason}", err=True)
-    done = sum(len(shard.scenarios) for shard in dataset.shards)
-    ctx.exit(1 if failed or done < scenarios else 0)
+    exit_after_collection(_list_scenarios(dataset), scenarios)
 
 
 def _parse_settings(options: Mapping[str, Any], places: Path) -> CollectionSettings:

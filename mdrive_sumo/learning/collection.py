@@ -4,12 +4,13 @@ What is in a shard depends on the settings and the indices of its scenarios only
 the order in which scenarios finish.
 """
 
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
@@ -50,6 +51,75 @@ class CollectionProgress(Protocol):
     def note(self, text: str) -> None:
         """A message for the user."""
         ...
+
+
+Entry = TypeVar("Entry", bound=WaitingScenario)
+
+
+@dataclass
+class ScenarioFiles(Generic[Entry]):
+    """The files of finished scenarios, one each in one folder, which a journal knows; those that lack are driven.
+
+    Nothing else works in the folder. Methods raise OSError for it.
+    """
+
+    settings: CollectionSettings
+    run: Callable[[ScenarioJob], Entry]
+    """Drives a scenario and writes its file, in a worker process."""
+    entry_type: type[Entry]
+    folder: Path
+    name: str
+    """Name of a file, with a place for the index of its scenario."""
+    journal: Journal
+    progress: CollectionProgress
+    entries: dict[int, Entry] = field(default_factory=dict[int, Entry])
+    """The finished scenarios, by index."""
+
+    def find_file(self, index: int) -> Path:
+        """Return the path of the file of a scenario."""
+        return self.folder / self.name.format(index)
+
+    def find_kept(self, indices: Iterable[int]) -> None:
+        """Find which of the scenarios need not be driven again. Raises InputError."""
+        noted = {entry.scenario.index: entry for entry in read_noted(self.journal, "waiting", self.entry_type)}
+        self.entries |= {index: noted[index] for index in indices if index in noted and self._is_kept(noted[index])}
+
+    def _is_kept(self, entry: Entry) -> bool:
+        """Return whether the file of a finished scenario is there; that of a packed one is not."""
+        path = self.find_file(entry.scenario.index)
+        if entry.scenario.status == "failed" or not (path.is_file() or entry.bytes == 0):
+            return False
+        if entry.bytes == 0 or is_as_noted(path, entry):
+            return True
+        self.progress.note(f"{path}: expected the samples that were written, found others; they are made again")
+        return False
+
+    def drive(self, indices: Iterable[int], scenarios: int, workers: int) -> Iterator[Entry]:
+        """Drive scenarios and yield the entry of each when it is finished; scenarios: of all that places are drawn for.
+
+        Raises InputError for what the user has to correct.
+        """
+        jobs = [ScenarioJob(self.settings, self.find_file(index), index) for index in indices]
+        if jobs:
+            self.settings.draw_places(scenarios, workers, self.progress.note)
+        with make_executor(self.run, workers, SCENARIO_LIMIT_S) as executor:
+            for job, outcome in run_jobs(executor, order_jobs(jobs, workers)):
+                entry = self.entries[job.index] = self._note(job, outcome)
+                self.progress.finish_scenario(entry.scenario)
+                yield entry
+
+    def _note(self, job: ScenarioJob, outcome: Entry | WorkerFailure) -> Entry:
+        """Note what became of a scenario. Raises InputError for what the user has to correct."""
+        name = job.path.stem
+        if not isinstance(outcome, WorkerFailure):
+            self.journal.add_result({"id": name, "waiting": outcome.model_dump(mode="json")}, outcome.checksum)
+            return outcome
+        if outcome.kind is FailureKind.INPUT:
+            raise InputError(outcome.reason)
+        self.journal.add_failure(name, outcome.reason)
+        self.progress.note(f"{name}: {outcome.reason}; the same command tries it again")
+        failed = CollectedScenario(index=job.index, status="failed", reason=outcome.reason)
+        return self.entry_type(scenario=failed, bytes=0, checksum="")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +169,14 @@ class _Collection:
     progress: CollectionProgress
     entries: dict[str, ShardEntry] = field(default_factory=dict[str, ShardEntry])
     """The shards that are there, by name."""
-    waiting: dict[int, WaitingScenario] = field(default_factory=dict[int, WaitingScenario])
-    """The finished scenarios of other shards, by index."""
+    waiting: ScenarioFiles[WaitingScenario] = field(init=False)
+    """The finished scenarios of other shards."""
+
+    def __post_init__(self) -> None:
+        folder = self.folder / WAITING_FOLDER
+        self.waiting = ScenarioFiles(
+            self.settings, run_scenario_job, WaitingScenario, folder, "scenario-{:06d}.tar", self.journal, self.progress
+        )
 
     @property
     def shards(self) -> list[ShardPlan]:
@@ -110,10 +186,6 @@ class _Collection:
             ShardPlan(format_shard_name(number), tuple(range(first, min(first + SHARD_SCENARIOS, self.scenarios))))
             for number, first in enumerate(firsts)
         ]
-
-    def find_waiting_file(self, index: int) -> Path:
-        """Return the path of the samples of a finished scenario."""
-        return self.folder / WAITING_FOLDER / f"scenario-{index:06d}.tar"
 
     def prepare_folder(self, fresh: bool) -> None:
         """Remove what earlier starts left half written or, if `fresh`, finished."""
@@ -126,90 +198,59 @@ class _Collection:
 
     def find_kept(self) -> None:
         """Find what need not be made again, and remove the samples of all other scenarios."""
-        noted_shards, noted_scenarios = _read_noted(self.journal)
+        noted = {entry.name: entry for entry in read_noted(self.journal, "shard", ShardEntry)}
         for shard in self.shards:
-            entry = noted_shards.get(shard.name)
+            entry = noted.get(shard.name)
             if entry is not None and self._is_kept(shard, entry):
                 self.entries[shard.name] = entry
-                continue
-            found = [noted_scenarios[index] for index in shard.indices if index in noted_scenarios]
-            self.waiting |= {one.scenario.index: one for one in found if self._is_waiting(one)}
-        kept = {self.find_waiting_file(index) for index in self.waiting}
-        for path in (self.folder / WAITING_FOLDER).iterdir():
+        self.waiting.find_kept(index for shard in self._missing for index in shard.indices)
+        kept = {self.waiting.find_file(index) for index in self.waiting.entries}
+        for path in self.waiting.folder.iterdir():
             if path not in kept:
                 path.unlink()
-        self.progress.begin(len(self.shards), len(self.entries), len(self.waiting))
+        self.progress.begin(len(self.shards), len(self.entries), len(self.waiting.entries))
+
+    @property
+    def _missing(self) -> list[ShardPlan]:
+        return [shard for shard in self.shards if shard.name not in self.entries]
 
     def _is_kept(self, shard: ShardPlan, entry: ShardEntry) -> bool:
         """Return whether a shard holds all its scenarios and is the file that was noted."""
         if not set(shard.indices) <= {one.index for one in entry.scenarios if one.status != "failed"}:
             return False
         path = self.folder / shard.name
-        if _is_as_noted(path, entry):
+        if is_as_noted(path, entry):
             return True
         self.progress.note(f"{path}: expected the shard that was written, found another file or none; it is made again")
-        return False
-
-    def _is_waiting(self, entry: WaitingScenario) -> bool:
-        """Return whether the samples of a finished scenario are there; those of a packed one are not."""
-        path = self.find_waiting_file(entry.scenario.index)
-        if entry.scenario.status == "failed" or not path.is_file():
-            return False
-        if _is_as_noted(path, entry):
-            return True
-        self.progress.note(f"{path}: expected the samples that were written, found others; they are made again")
         return False
 
     def drive_missing(self, workers: int) -> None:
         """Drive the scenarios that are missing and pack each shard when its last one is there. Raises InputError."""
         self._write_dataset()
-        missing = [shard for shard in self.shards if shard.name not in self.entries]
-        shard_by_index = {index: shard for shard in missing for index in shard.indices}
-        jobs = [
-            ScenarioJob(self.settings, self.find_waiting_file(index), index)
-            for index in shard_by_index
-            if index not in self.waiting
-        ]
-        if jobs:
-            self.settings.draw_places(self.scenarios, workers, self.progress.note)
-        for shard in missing:  # a kill may come between the last scenario of a shard and the shard
+        shard_by_index = {index: shard for shard in self._missing for index in shard.indices}
+        missing = [index for index in shard_by_index if index not in self.waiting.entries]
+        for shard in self._missing:  # a kill may come between the last scenario of a shard and the shard
             self._pack_if_complete(shard)
-        with make_executor(run_scenario_job, workers, SCENARIO_LIMIT_S) as executor:
-            for job, outcome in run_jobs(executor, order_jobs(jobs, workers)):
-                entry = self.waiting[job.index] = self._note(job, outcome)
-                self.progress.finish_scenario(entry.scenario)
-                self._pack_if_complete(shard_by_index[job.index])
+        for entry in self.waiting.drive(missing, self.scenarios, workers):
+            self._pack_if_complete(shard_by_index[entry.scenario.index])
         with suppress(OSError):  # scenarios wait in it for one that has failed
-            (self.folder / WAITING_FOLDER).rmdir()
-
-    def _note(self, job: ScenarioJob, outcome: WaitingScenario | WorkerFailure) -> WaitingScenario:
-        """Note what became of a scenario. Raises InputError for what the user has to correct."""
-        name = job.path.stem
-        if not isinstance(outcome, WorkerFailure):
-            self.journal.add_result({"id": name, "waiting": outcome.model_dump(mode="json")}, outcome.checksum)
-            return outcome
-        if outcome.kind is FailureKind.INPUT:
-            raise InputError(outcome.reason)
-        self.journal.add_failure(name, outcome.reason)
-        self.progress.note(f"{name}: {outcome.reason}; the same command tries it again")
-        failed = CollectedScenario(index=job.index, status="failed", reason=outcome.reason)
-        return WaitingScenario(scenario=failed, bytes=0, checksum="")
+            self.waiting.folder.rmdir()
 
     def _pack_if_complete(self, shard: ShardPlan) -> None:
         """Write a shard if all its scenarios wait; they are kept if one has failed, to be packed with it later."""
-        if not all(index in self.waiting for index in shard.indices):
+        if not all(index in self.waiting.entries for index in shard.indices):
             return
-        scenarios = tuple(self.waiting.pop(index).scenario for index in shard.indices)
-        files = [self.find_waiting_file(one.index) for one in scenarios if one.status != "failed"]
+        scenarios = tuple(self.waiting.entries.pop(index).scenario for index in shard.indices)
+        files = [self.waiting.find_file(one.index) for one in scenarios if one.samples]
         size, checksum = write_shard(self.folder / shard.name, read_members(files))
         samples = sum(one.samples for one in scenarios)
         entry = ShardEntry(name=shard.name, samples=samples, bytes=size, checksum=checksum, scenarios=scenarios)
         self.journal.add_result({"id": entry.name, "shard": entry.model_dump(mode="json")}, checksum)
         self.entries[entry.name] = entry
         self._write_dataset()
-        if len(files) == len(scenarios):
-            for path in files:
-                path.unlink()
+        if all(one.status != "failed" for one in scenarios):
+            for one in scenarios:
+                self.waiting.find_file(one.index).unlink(missing_ok=True)
         self.progress.finish_shard(entry)
 
     @property
@@ -237,28 +278,28 @@ class _Collection:
         write_text(self.folder / DATASET_FILE, self.dataset.model_dump_json(indent=1) + "\n")
 
 
-def _is_as_noted(path: Path, entry: ShardEntry | WaitingScenario) -> bool:
+def is_as_noted(path: Path, entry: ShardEntry | WaitingScenario) -> bool:
+    """Return whether a file has the size and the checksum of its entry."""
     if not path.is_file() or path.stat().st_size != entry.bytes:
         return False
     return compute_file_checksum(path) == entry.checksum
 
 
-def _read_noted(journal: Journal) -> tuple[dict[str, ShardEntry], dict[int, WaitingScenario]]:
-    """Return the last entry of each shard by name and of each scenario by index. Raises InputError."""
-    shards: dict[str, ShardEntry] = {}
-    scenarios: dict[int, WaitingScenario] = {}
+Noted = TypeVar("Noted", bound=BaseModel)
+
+
+def read_noted(journal: Journal, key: str, entry_type: type[Noted]) -> list[Noted]:
+    """Return the entries of one kind, oldest first. Raises InputError."""
+    entries: list[Noted] = []
     for line in journal.results:
         try:
-            if "shard" in line:
-                shard = ShardEntry.model_validate(line["shard"])
-                shards[shard.name] = shard
-            else:
-                scenario = WaitingScenario.model_validate(line["waiting"])
-                scenarios[scenario.scenario.index] = scenario
-        except (ValidationError, KeyError) as error:
-            what = describe_first_error(error) if isinstance(error, ValidationError) else "expected a shard or scenario"
-            raise InputError(f"{journal.path}: {line['id']!r:.80}: {what}; --fresh starts anew") from None
-    return shards, scenarios
+            if key in line:
+                entries.append(entry_type.model_validate(line[key]))
+        except ValidationError as error:
+            raise InputError(
+                f"{journal.path}: {line['id']!r:.80}: {describe_first_error(error)}; --fresh starts anew"
+            ) from None
+    return entries
 
 
 EXPERT_SHARE = 0.2

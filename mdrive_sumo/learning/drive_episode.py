@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.contract import Briefing
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
@@ -30,6 +31,8 @@ class CollectedDrive:
 
     config: EpisodeConfig
     episode: EpisodeRecord
+    briefings: Mapping[str, Briefing]
+    """By CAV."""
     decisions: Sequence[Sequence[RecordedDecision]]
 
 
@@ -57,7 +60,7 @@ def collect_scenario(settings: CollectionSettings, index: int) -> tuple[Collecte
 def drive_scenario(settings: CollectionSettings, scenario: Scenario, roads: RoadMap, seed: int) -> CollectedDrive:
     """Return the recording of one episode. Raises WorldError, also if an expert or a learner fails."""
     config = EpisodeConfig(scenario, roads, seed)
-    sensing_seed = derive_seed(seed, scenario.id, "sensing")
+    sensing_seed = config.sensor_context.seed
     agents = {ego.id: RecordingAgent(_build_setup(settings, seed, sensing_seed, ego.id)) for ego in scenario.egos}
     drivers = {ego: LocalDriver(agent) for ego, agent in agents.items()}
     with open_world(config) as world:
@@ -69,7 +72,7 @@ def drive_scenario(settings: CollectionSettings, scenario: Scenario, roads: Road
             for ego, reason in simulation.failed_agents.items():
                 raise WorldError(f"scenario {scenario.id}: the agent of {ego} failed: {reason}")
     episode = simulation.finish()
-    return CollectedDrive(config, episode, [agent.decisions for agent in agents.values()])
+    return CollectedDrive(config, episode, simulation.briefings, [agent.decisions for agent in agents.values()])
 
 
 def _build_setup(settings: CollectionSettings, seed: int, sensing_seed: int, ego: str) -> RecordingSetup:

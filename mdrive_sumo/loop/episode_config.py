@@ -5,11 +5,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.episode import Ending, ThinkTimeEntry
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop.pseudonyms import derive_pseudonyms
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.weather import WEATHERS
+from mdrive_sumo.sensing.observation_builder import SensorContext
 from mdrive_sumo.v2x.attacks.attackers import choose_attackers
 from mdrive_sumo.vehicle import dynamics
 
@@ -53,6 +56,12 @@ class EpisodeConfig:
             return frozenset()
         cavs, rsus = [ego.id for ego in scenario.egos], [rsu.id for rsu in scenario.rsus]
         return choose_attackers(attack, cavs, rsus, scenario.id, self.seed)
+
+    @property
+    def sensor_context(self) -> SensorContext:
+        """What all sensors of the episode share."""
+        seed = derive_seed(self.seed, self.scenario.id, "sensing")
+        return SensorContext(self.roads, WEATHERS[self.scenario.weather], seed, self.options.sensing)
 
     @property
     def road_grip(self) -> float:

@@ -31,10 +31,9 @@ from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
 from mdrive_sumo.loop.frame_source import FrameSource
 from mdrive_sumo.loop.pseudonyms import rename_senders
-from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.scoring import criteria
 from mdrive_sumo.sensing.briefing_builder import build_briefing
-from mdrive_sumo.sensing.observation_builder import ObservationBuilder, SensorContext, build_sensing_frame
+from mdrive_sumo.sensing.observation_builder import ObservationBuilder, build_sensing_frame
 from mdrive_sumo.sensing.radio_scene_builder import RadioSceneBuilder, choose_environment
 from mdrive_sumo.sensing.roadside_units import RoadsideUnits
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
@@ -88,8 +87,7 @@ class EpisodeSimulation:
         """What the agent of each CAV learns before the first tick."""
         self.is_done = False
         """Whether every CAV has ended and the last frame is recorded."""
-        seed = derive_seed(config.seed, scenario.id, "sensing")
-        common = SensorContext(config.roads, WEATHERS[scenario.weather], seed, config.options.sensing)
+        common = config.sensor_context
         self._roadside = RoadsideUnits(scenario.rsus if config.options.comm.on else (), common, config.options.v2x_rate)
         self._senses = ObservationBuilder(sensors, self.briefings, common)
         show_lamps = any(SENSOR_KINDS[spec.kind].shows_lamps for specs in sensors.values() for spec in specs)

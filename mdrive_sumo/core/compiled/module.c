@@ -5,7 +5,7 @@
 #include "values.h"
 
 /* A line for each C file beside a Python file, in the order of rooms. */
-#define FILES(USE) USE(actors_collision_avoidance) USE(actors_movers) USE(contract_reply_check) USE(core_frozen) \
+#define FILES(USE) USE(actors_collision_avoidance) USE(actors_movers) USE(agents_learned_point_grid) USE(contract_reply_check) USE(core_frozen) \
     USE(core_geometry) USE(core_portable) USE(core_seeding) USE(core_state) USE(episode_quantization) \
     USE(negotiation_announcement) USE(negotiation_conflict_graph) USE(negotiation_intention) \
     USE(negotiation_rule_negotiator) USE(perception_assignment) USE(perception_measurements) \

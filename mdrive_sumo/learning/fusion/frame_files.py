@@ -5,6 +5,7 @@ import json
 import re
 import zipfile
 import zlib
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from mdrive_sumo.core.output_files import make_folder, write_bytes, write_text
 from mdrive_sumo.learning.fusion.frames import ARRAYS, FusionFrames, check_frames, concatenate_frames
 
 FORMAT = "mdrive-sumo fusion frames 1"
-INDEX_NAME = "frames.json"
+INDEX_NAME, ARCHIVE_NAME = "frames.json", "frames-{:06d}.npz"
 MAX_ARCHIVE_BYTES = 2**31
 """A thousand frames of three cars have about 50 MB."""
 READERS = 8
@@ -33,16 +34,29 @@ _NPZ_ERRORS = (
 def write_frames(folder: Path, split: str, shards: list[FusionFrames]) -> Path:
     """Write a data set and return the path of its index. Raises InputError for arrays of another kind."""
     make_folder(folder)
-    names: list[str] = []
-    for i, frames in enumerate(shards):
-        name = f"frames-{i:06}.npz"
-        check_frames(frames, str(folder / name))
-        buffer = io.BytesIO()
-        arrays: dict[str, Any] = {each: getattr(frames, each) for each in ARRAYS}
-        np.savez_compressed(buffer, places=np.array(frames.places, dtype=np.str_), **arrays)
-        write_bytes(folder / name, buffer.getvalue())
-        names.append(name)
-    index = {"format": FORMAT, "grid_version": GRID_VERSION, "split": split, "shards": names}
+    names = [ARCHIVE_NAME.format(i) for i in range(len(shards))]
+    for name, frames in zip(names, shards, strict=True):
+        write_archive(folder / name, frames)
+    return write_index(folder, split, names, {})
+
+
+def write_archive(path: Path, frames: FusionFrames) -> None:
+    """Write one archive; equal frames give equal bytes. Raises InputError for arrays of another kind, and OSError."""
+    check_frames(frames, str(path))
+    arrays: dict[str, Any] = {each: getattr(frames, each) for each in ARRAYS}
+    write_arrays(path, {"places": np.array(frames.places, dtype=np.str_), **arrays})
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write an archive of arrays, compressed. Raises OSError."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    write_bytes(path, buffer.getvalue())
+
+
+def write_index(folder: Path, split: str, names: Sequence[str], about: Mapping[str, Any]) -> Path:
+    """Write the index of archives and return its path; about: what else it says. Raises OSError."""
+    index = {"format": FORMAT, "grid_version": GRID_VERSION, "split": split, "shards": list(names), **about}
     write_text(folder / INDEX_NAME, json.dumps(index, indent=1) + "\n")
     return folder / INDEX_NAME
 
@@ -59,7 +73,9 @@ def _read_index(path: Path) -> list[str]:
     try:
         index: Any = json.loads(read_bytes(path))
     except OSError as error:
-        raise InputError(f"{path}: expected the index of fusion frames, found {error.strerror}") from None
+        raise InputError(
+            f"{path}: expected the index of fusion frames, found {error.strerror}; `mdrive-sumo learn scans` makes them"
+        ) from None
     except ValueError as error:
         raise InputError(f"{path}: expected JSON, found an error: {error}") from None
     if not isinstance(index, dict) or index.get("format") != FORMAT:
