@@ -6,6 +6,7 @@ recorded states, which are rounded to 1 mm and 0.1 mrad.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -270,10 +271,10 @@ def _build_empty(count: int, place: str) -> FusionFrames:
     fill: dict[str, float] = {"scan": -1, "true_pose": np.nan, "estimated_pose": np.nan, "boxes": np.nan}
     fill |= {"box_class": -1, "box_id": -1}
     sizes = {"frames": count, "scans + 1": 1, "cells": 0}
-    arrays = {
-        name: np.full([sizes.get(str(size), size) for size in one.shape], fill.get(name, 0), one.dtype)
-        for name, one in ARRAYS.items()
-    }
+    arrays: dict[str, Any] = {}
+    for name, one in ARRAYS.items():
+        shape = [size if isinstance(size, int) else sizes[size] for size in one.shape]
+        arrays[name] = np.full(shape, fill.get(name, 0), one.dtype)
     return FusionFrames((place,), **arrays)
 
 
