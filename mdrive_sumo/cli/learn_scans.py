@@ -36,6 +36,13 @@ EXPERT = "sharing+negotiation"
     show_default=True,
     help="Scenarios with fewer CAVs are not driven.",
 )
+@click.option(
+    "--least-others",
+    type=click.IntRange(0, 100),
+    default=0,
+    show_default=True,
+    help="Scenarios with fewer other road users are not driven.",
+)
 def command(
     split: str,
     scenarios: int,
@@ -48,6 +55,7 @@ def command(
     suite: str,
     interval_s: float,
     least_cavs: int,
+    least_others: int,
 ) -> None:
     """Make frames for detectors that share features: LiDAR scans of CAVs and their senders, poses, and true boxes.
 
@@ -55,7 +63,7 @@ def command(
     """
     folder = (places or out.parent / PLACES_FOLDER).resolve()
     settings = CollectionSettings(split, seed, expert, perturbation=0.0, suite=suite, places=folder)
-    sampling = FrameSampling(SCAN_TICKS * round(interval_s * TICKS_PER_SECOND / SCAN_TICKS), least_cavs)
+    sampling = FrameSampling(SCAN_TICKS * round(interval_s * TICKS_PER_SECOND / SCAN_TICKS), least_cavs, least_others)
     found = run_collection(
         out, fresh, lambda: collect_frames(settings, sampling, out, scenarios, workers, FrameDisplay(), fresh)
     )
@@ -74,7 +82,7 @@ def format_frames(found: FrameSet) -> str:
         str(sum(one.dropped for one in found.scenarios)),
         f"{sum(archive.bytes for archive in found.archives) / 1e6:.1f}",
     )
-    totals = make_text_table(("scenarios", "too few CAVs", "failed", "CAV ticks", "frames", "left out", "MB"), [row])
+    totals = make_text_table(("scenarios", "not driven", "failed", "CAV ticks", "frames", "left out", "MB"), [row])
     senders = [str(sum(archive.senders[i] for archive in found.archives)) for i in range(MAX_CAVS - 1)]
     table = make_text_table(("senders", *map(str, range(1, MAX_CAVS))), [("frames", *senders)])
     return f"{format_text(totals)}\n{format_text(table)}"

@@ -23,6 +23,7 @@ from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
 from mdrive_sumo.learning.drive_episode import CollectedDrive
 from mdrive_sumo.learning.fusion.frames import ARRAYS, MAX_BOXES, FusionFrames
 from mdrive_sumo.learning.scene_labels import to_ego_poses
+from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sensing.camera.road_user_models import RoadUserModel, choose_models
 from mdrive_sumo.sensing.observation_builder import ObservationBuilder, build_sensing_frame
 from mdrive_sumo.sensing.sensing_frame import derive_track_name
@@ -55,6 +56,13 @@ class FrameSampling:
     """Between two sampled ticks; an even number above the greatest delay."""
     least_cavs: int = 2
     """Scenarios with fewer CAVs are not driven."""
+    least_others: int = 0
+    """Scenarios with fewer other road users are not driven."""
+
+    def fits(self, scenario: Scenario) -> bool:
+        """Return whether a scenario is driven."""
+        others = len(scenario.background.vehicles) + len(scenario.actors)
+        return len(scenario.egos) >= self.least_cavs and others >= self.least_others
 
 
 @dataclass(frozen=True, slots=True)

@@ -100,13 +100,14 @@ def build_fingerprint(settings: CollectionSettings, sampling: FrameSampling) -> 
         "grid_version": GRID_VERSION,
         "interval_ticks": sampling.interval_ticks,
         "least_cavs": sampling.least_cavs,
+        "least_others": sampling.least_others,
     }
 
 
 def run_frame_job(sampling: FrameSampling, job: ScenarioJob) -> FrameArchive:
     """Drive a scenario and write its frames. Raises InputError and OSError."""
     chosen = job.settings.load_scenario(job.index)
-    if chosen is None or len(chosen[0].egos) < sampling.least_cavs:
+    if chosen is None or not sampling.fits(chosen[0]):
         about = CollectedScenario(index=job.index, status="none", scenario=chosen[0].id if chosen else "")
         return FrameArchive(scenario=about, bytes=0, checksum="", cavs=len(chosen[0].egos) if chosen else 0)
     scenario, cavs = chosen[0].id, len(chosen[0].egos)
@@ -156,6 +157,7 @@ def _write_index(
         "suite": settings.suite,
         "interval_ticks": sampling.interval_ticks,
         "least_cavs": sampling.least_cavs,
+        "least_others": sampling.least_others,
         "requested": scenarios,
         "frames": sum(one.samples for one in found.scenarios),
         "scenarios": [archive.model_dump(mode="json") for archive in found.archives],

@@ -116,12 +116,13 @@ def test_what_is_there_is_kept_and_what_is_damaged_made_again(short_suite: Path,
     assert fresh.exit_code == 0 and read_content(tmp_path / "set") != content
 
 
-def test_scenarios_with_few_cavs_are_not_driven(
-    short_suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("words", [("--least-cavs", 6), ("--least-others", 9)])
+def test_scenarios_with_too_few_are_not_driven(
+    words: tuple[str, int], short_suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(frame_collection, "drive_scenario", None)
-    ended = learn_scans(short_suite, tmp_path / "set", "--least-cavs", 6)
-    assert ended.exit_code == 0 and "0             2       0" in ended.output
+    ended = learn_scans(short_suite, tmp_path / "set", *words)
+    assert ended.exit_code == 0 and "0           2       0" in ended.output
     with pytest.raises(
         InputError, match=r"frames\.json: shards: expected the names of one archive or more, found \[\]"
     ):
