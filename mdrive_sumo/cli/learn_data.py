@@ -18,43 +18,26 @@ from mdrive_sumo.learning.sample_format import PLACES_FOLDER, SPLITS, CollectedS
 
 Result = TypeVar("Result")
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
+FOLDER = click.Path(path_type=Path, file_okay=False)
+EXPERT_HELP = "What drives, or gives the labels."
+PLACES_HELP = "Places of the scenarios; what is missing is drawn.  [default: places, beside --out]"
 
 
 def collection_options(expert: str) -> Callable[[Decorated], Decorated]:
     """Return the options of commands that drive training scenarios; expert: the default of `--expert`."""
+    number = click.IntRange(1, 1_000_000)
     options = (
         click.option(
-            "--split",
-            type=click.Choice(SPLITS),
-            required=True,
-            help="Places for training, validation, or the final test.",
+            "--split", type=click.Choice(SPLITS), required=True, help="Places for training, validation, test."
         ),
-        click.option(
-            "--scenarios", type=click.IntRange(1, 1_000_000), required=True, metavar="N", help="How many scenarios."
-        ),
-        click.option(
-            "--expert",
-            type=click.Choice(EXPERTS),
-            default=expert,
-            show_default=True,
-            help="What drives, or gives the labels.",
-        ),
-        click.option(
-            "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the data set."
-        ),
+        click.option("--scenarios", type=number, required=True, metavar="N", help="How many scenarios."),
+        click.option("--expert", type=click.Choice(EXPERTS), default=expert, show_default=True, help=EXPERT_HELP),
+        click.option("--out", type=FOLDER, required=True, help="Folder of the data set."),
         workers_option,
-        click.option(
-            "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of everything drawn."
-        ),
-        click.option(
-            "--places",
-            type=click.Path(path_type=Path, file_okay=False),
-            help="Places of the scenarios; what is missing is drawn.  [default: places, beside --out]",
-        ),
+        click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all draws."),
+        click.option("--places", type=FOLDER, help=PLACES_HELP),
         click.option("--fresh", is_flag=True, help="Start anew instead of continuing."),
-        click.option(
-            "--suite", default="", hidden=True, help="Tests: scenarios of a suite instead of training scenarios."
-        ),
+        click.option("--suite", default="", hidden=True, help="Tests: a suite instead of training scenarios."),
     )
 
     def decorate(command: Decorated) -> Decorated:

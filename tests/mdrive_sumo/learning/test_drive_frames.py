@@ -83,7 +83,7 @@ def test_scans_and_own_states_are_those_of_the_drive(drive: CollectedDrive, made
 def test_true_poses_lead_to_where_cars_were(drive: CollectedDrive, made: DriveFrames) -> None:
     episode, frames = drive.episode, made.frames
     poses = np.stack((episode.x, episode.y, episode.yaw), axis=-1)
-    errors: list[Float] = []
+    errors: list[Any] = []
     for i, view in enumerate(find_views(drive)):
         assert frames.tick[i] == view.tick and frames.place[i] == 0
         for slot, car in enumerate(view.cars):
