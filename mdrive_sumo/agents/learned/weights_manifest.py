@@ -34,7 +34,7 @@ class WeightsManifest(BaseModel):
     """Shape of `memory` and of the output `bev`, without the batch dimension; () without memory."""
     has_limits: bool = False
     """Whether the network gets `limits`; without, it was trained at 8 m/s."""
-    plan_head: str = Field(PLAN_HEADS[0], pattern=f"^({'|'.join(PLAN_HEADS)})$")
+    plan_head: str = Field(default=PLAN_HEADS[0], pattern=f"^({'|'.join(PLAN_HEADS)})$")
     """How it answers a plan (`system_spec.PLAN_HEADS`)."""
     anchors: str = ""
     """Digest of the anchors that it scores; "" without."""
