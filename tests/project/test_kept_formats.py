@@ -90,7 +90,7 @@ NOT_KEPT = {
     **dict.fromkeys(
         (
             *("ablation/1", "attacks/1", "channel-study/1", "study/1", "paper/1", "gain/1"),
-            *("cross-play/1", "penetration/1", "seasons/1", "twins/1"),
+            *("cross-play/1", "penetration/1", "seasons/1", "twins/1", "detectors/1"),
         ),
         "written only",
     ),
