@@ -134,12 +134,11 @@ def test_every_system_learns_anchors_and_is_exported(system: str, tmp_path: Path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("system", ["tcp", "vad"])
-def test_the_smoke_test_lowers_the_loss_of_anchors_which_then_drive(system: str, tmp_path: Path) -> None:
+def test_the_smoke_test_lowers_the_loss_of_anchors(tmp_path: Path) -> None:
     steps = ("--smoke", "--plan-head", "anchors", "--device", "cpu", "--out", str(tmp_path))
-    trained = CliRunner().invoke(main, ["learn", "train", system, *steps])
+    trained = CliRunner().invoke(main, ["learn", "train", "tcp", *steps])
     assert trained.exit_code == 0, trained.output
-    found = export_network(load_checkpoint(tmp_path / "smoke", system), tmp_path)
+    found = export_network(load_checkpoint(tmp_path / "smoke", "tcp"), tmp_path)
     assert found.network.stat().st_size <= MOST_BYTES and '"plan_head": "anchors"' in found.manifest.read_text()
 
 
