@@ -1,4 +1,4 @@
-"""Detectors made by hand: what has points as high as a car, and none higher than a truck, is a car. No tests in here."""
+"""Detectors made by hand: what has points as high as a car and none as high as a wall is a car. No tests in here."""
 
 import hashlib
 from pathlib import Path
@@ -29,8 +29,11 @@ GRID_SAMPLE_OPSET = 16
 CELLS = (FEATURE_CELLS, FEATURE_CELLS)
 
 
-def write_encoder() -> bytes:
-    """Feature 0 of a cell is 1 where a car may be, the others are 0; the confidence is `SCORE` there."""
+def write_encoder(seed: int = 0) -> bytes:
+    """Feature 0 of a cell is 1 where a car may be, the others are 0; the confidence is `SCORE` there.
+
+    seed: a number in the file that changes nothing but its checksum.
+    """
     weights = {"car": CAR_LAYERS, "wall": WALL_LAYERS}
     constants: dict[str, np.ndarray] = {}
     nodes = [Node("Cast", ("grid",), "counts", (("to", 1),))]
@@ -42,6 +45,7 @@ def write_encoder() -> bytes:
             Node("Conv", ("counts", f"{name}_kernel"), f"{name}_sum", (("strides", (4, 4)),)),
             Node("Min", (f"{name}_sum", "one"), name),
         ]
+    constants["seed"] = np.full(1, seed, np.float32)
     constants["one"] = np.ones(1, np.float32)
     constants["first"] = np.eye(1, FEATURE_CHANNELS, dtype=np.float32).reshape(1, -1, 1, 1)
     constants["score"] = np.full(1, SCORE, np.float32)
@@ -137,9 +141,9 @@ def _make_head() -> tuple[list[Node], dict[str, np.ndarray]]:
     return nodes, constants
 
 
-def save_tiny_detector(folder: Path, name: str, uses_own: bool = True) -> Path:
+def save_tiny_detector(folder: Path, name: str, uses_own: bool = True, encoder_seed: int = 0) -> Path:
     """Write NAME-encoder.onnx, NAME.onnx and their manifests; return the path of the second."""
-    for part, content in ((f"{name}-encoder", write_encoder()), (name, write_fusion(name, uses_own))):
+    for part, content in ((f"{name}-encoder", write_encoder(encoder_seed)), (name, write_fusion(name, uses_own))):
         path = folder / f"{part}.onnx"
         path.write_bytes(content)
         manifest = WeightsManifest(

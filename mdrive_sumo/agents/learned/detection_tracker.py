@@ -16,6 +16,7 @@ from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.perception.measurements import measure_detections
 from mdrive_sumo.perception.track_list import TrackList
 from mdrive_sumo.perception.tracking_parameters import TRACKING
+from mdrive_sumo.v2x.messages import format_track_name
 
 DETECTION_ERRORS = DetectionProfile(
     recall=1.0,
@@ -56,7 +57,10 @@ class DetectionTracker:
         detections = build_detections(tick, own, found)
         self._tracks.add(tick, measure_detections(detections, own, DETECTION_ERRORS, elapsed_ticks, TRACKING))
         self._tracks.end_update(tick)
-        self._tick, self._objects = tick, self._tracks.build_objects(tick, own)
+        objects = self._tracks.build_objects(tick, own)
+        # CPMs name tracks as sensors do; the list names them k0, k1, ..., by the number of the track.
+        self._tick = tick
+        self._objects = replace(objects, ids=tuple(format_track_name(int(name[1:])) for name in objects.ids))
 
     def predict(self, tick: int) -> Objects:
         """Return all confirmed objects, advanced to a tick at constant speed; none before the first scan."""

@@ -21,9 +21,9 @@ from mdrive_sumo.agents.learned.shared_grids import (
 from mdrive_sumo.contract import Message, OwnState
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.perception.late_fusion import OPV2V_LIMITS
+from mdrive_sumo.v2x.content import Feature
 from mdrive_sumo.v2x.feature_map import encode_feature_map
 from mdrive_sumo.v2x.messages import FEATURE, FeatureGrid, ReferencePose, encode
-from mdrive_sumo.v2x.content import Feature
 
 GRID = FeatureGrid("tiny", 7, 1.6, 16, 16, 2)
 TILES = 4
