@@ -20,8 +20,8 @@ from mdrive_sumo.agents.learned.fusion_spec import (
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
 from testing.onnx_writer import Array, Node, write_model
 
-CAR_LAYERS, WALL_LAYERS = slice(1, 4), slice(6, 8)
-"""Height layers in which cars have points, 0.3 to 1.6 m, and in which walls have some besides, from 2.8 m on."""
+CAR_LAYERS, VAN_LAYERS, WALL_LAYERS = slice(1, 4), slice(5, 6), slice(6, 8)
+"""Height layers in which cars have points (0.3 to 1.6 m), vans, but no cars (2.0 to 2.8 m), and walls alone."""
 SCORE = 0.9
 SIDES_M = 4.5, 2.0
 """Of every box that it answers, along x."""
@@ -29,17 +29,18 @@ GRID_SAMPLE_OPSET = 16
 CELLS = (FEATURE_CELLS, FEATURE_CELLS)
 
 
-def write_encoder(seed: int = 0) -> bytes:
-    """Feature 0 of a cell is 1 where a car may be, the others are 0; the confidence is `SCORE` there.
+def write_encoder(seed: int = 0, layers: slice = CAR_LAYERS) -> bytes:
+    """Feature 0 of a cell is 1 where it has points in these layers and none of a wall, the others are 0.
+
+    The confidence is `SCORE` there.
 
     seed: a number in the file that changes nothing but its checksum.
     """
-    weights = {"car": CAR_LAYERS, "wall": WALL_LAYERS}
     constants: dict[str, np.ndarray] = {}
     nodes = [Node("Cast", ("grid",), "counts", (("to", 1),))]
-    for name, layers in weights.items():
+    for name, counted in (("car", layers), ("wall", WALL_LAYERS)):
         kernel = np.zeros((1, GRID_LAYERS, 4, 4), np.float32)
-        kernel[:, layers] = 1.0
+        kernel[:, counted] = 1.0
         constants[f"{name}_kernel"] = kernel
         nodes += [
             Node("Conv", ("counts", f"{name}_kernel"), f"{name}_sum", (("strides", (4, 4)),)),
@@ -141,9 +142,12 @@ def _make_head() -> tuple[list[Node], dict[str, np.ndarray]]:
     return nodes, constants
 
 
-def save_tiny_detector(folder: Path, name: str, uses_own: bool = True, encoder_seed: int = 0) -> Path:
+def save_tiny_detector(
+    folder: Path, name: str, uses_own: bool = True, encoder_seed: int = 0, layers: slice = CAR_LAYERS
+) -> Path:
     """Write NAME-encoder.onnx, NAME.onnx and their manifests; return the path of the second."""
-    for part, content in ((f"{name}-encoder", write_encoder(encoder_seed)), (name, write_fusion(name, uses_own))):
+    networks = {f"{name}-encoder": write_encoder(encoder_seed, layers), name: write_fusion(name, uses_own)}
+    for part, content in networks.items():
         path = folder / f"{part}.onnx"
         path.write_bytes(content)
         manifest = WeightsManifest(

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mdrive_sumo.agents.learned.box_decoding import DetectedBoxes
+from mdrive_sumo.agents.learned.box_decoding import MAX_IOU, DetectedBoxes
 from mdrive_sumo.agents.learned.detection_tracker import TRACK_ERRORS, DetectionTracker
 from mdrive_sumo.agents.learned.feature_inbox import FeatureInbox, ReceivedMap
 from mdrive_sumo.agents.learned.fusion_network import EncodedScan, FusionDetector, load_detector
@@ -38,6 +38,7 @@ from mdrive_sumo.contract import (
 )
 from mdrive_sumo.contract.agent_options import Choice, Config, Option, read_choice, read_options
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.perception.box_iou import compute_ious
 from mdrive_sumo.perception.late_fusion import ETSI_FUSION, FUSION, OPV2V_LIMITS, LateFusion
 from mdrive_sumo.planning.hazard_rule import HazardRulePlanner
 from mdrive_sumo.v2x.awareness_service import AwarenessService
@@ -130,9 +131,12 @@ class DetectorAgent:
 
     def _detect(self, scan: _Scan) -> None:
         found = self._look(scan)
-        certain = found.scores >= self._numbers["score"]
+        size = self._briefing.vehicle.length, self._briefing.vehicle.width
+        # Others see the own car, too: bodies do not overlap, so what overlaps it is the car itself.
+        overlaps = compute_ious(found.boxes, np.array(((0.0, 0.0, 0.0, *size),)))[:, 0] > MAX_IOU
+        kept = (found.scores >= self._numbers["score"]) & ~overlaps
         self._tracker.update(
-            scan.tick, scan.own, DetectedBoxes(found.boxes[certain], found.classes[certain], found.scores[certain])
+            scan.tick, scan.own, DetectedBoxes(found.boxes[kept], found.classes[kept], found.scores[kept])
         )
 
     def _encode(self, tick: int, own: OwnState, cloud: PointCloud) -> _Scan:
