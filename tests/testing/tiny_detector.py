@@ -37,17 +37,16 @@ def write_encoder(seed: int = 0, layers: slice = CAR_LAYERS) -> bytes:
     seed: a number in the file that changes nothing but its checksum.
     """
     constants: dict[str, np.ndarray] = {}
-    nodes = [Node("Cast", ("grid",), "counts", (("to", 1),))]
+    nodes: list[Node] = []
     for name, counted in (("car", layers), ("wall", WALL_LAYERS)):
         kernel = np.zeros((1, GRID_LAYERS, 4, 4), np.float32)
         kernel[:, counted] = 1.0
         constants[f"{name}_kernel"] = kernel
         nodes += [
-            Node("Conv", ("counts", f"{name}_kernel"), f"{name}_sum", (("strides", (4, 4)),)),
-            Node("Min", (f"{name}_sum", "one"), name),
+            Node("Conv", ("grid", f"{name}_kernel"), f"{name}_sum", (("strides", (4, 4)),)),
+            Node("Sign", (f"{name}_sum",), name),
         ]
     constants["seed"] = np.full(1, seed, np.float32)
-    constants["one"] = np.ones(1, np.float32)
     constants["first"] = np.eye(1, FEATURE_CHANNELS, dtype=np.float32).reshape(1, -1, 1, 1)
     constants["score"] = np.full(1, SCORE, np.float32)
     constants["cells"] = np.array((1, *CELLS), np.int64)
@@ -59,7 +58,7 @@ def write_encoder(seed: int = 0, layers: slice = CAR_LAYERS) -> bytes:
         Node("Reshape", ("scored", "cells"), "confidence"),
     ]
     outputs = [Array("features", (1, FEATURE_CHANNELS, *CELLS)), Array("confidence", (1, *CELLS))]
-    return write_model(nodes, constants, [Array("grid", (1, GRID_LAYERS, GRID_CELLS, GRID_CELLS), "uint8")], outputs)
+    return write_model(nodes, constants, [Array("grid", (1, GRID_LAYERS, GRID_CELLS, GRID_CELLS))], outputs)
 
 
 def write_fusion(name: str, uses_own: bool = True) -> bytes:

@@ -15,7 +15,7 @@ from mdrive_sumo.agents.learned.fusion_spec import (
     MAX_COUNT,
     TILE_CELLS,
 )
-from mdrive_sumo.agents.learned.point_grid import Cells, expand_cells
+from mdrive_sumo.agents.learned.point_grid import GRID_SIZE, Cells
 from mdrive_sumo.contract import Message
 from mdrive_sumo.v2x.feature_map import MAX_BITS, FeatureMap, encode_feature_map
 from mdrive_sumo.v2x.messages import FeatureGrid, MessageError, ReferencePose
@@ -68,10 +68,12 @@ def encode_points(cells: Cells, pose: ReferencePose) -> tuple[Message, ...]:
 
     There are as many bits as the greatest count needs, so steps are at most 1 and receivers round to the counts.
     """
-    counts = expand_cells(cells)
-    confidence = np.where(counts[1:].any(axis=0), 1.0, 0.5 * counts[0].astype(np.bool_))
-    bits = min(max(int(counts.max(initial=0)).bit_length(), 1), MAX_BITS)
-    return encode_feature_map(counts.astype(np.float32), confidence, pose, POINT_GRID, bits=bits)
+    counts = np.zeros(GRID_SIZE, np.float32)
+    counts[cells >> 8] = cells & 255
+    counts = counts.reshape(GRID_LAYERS, GRID_CELLS, GRID_CELLS)
+    confidence = np.where(counts[1:].any(axis=0), 1.0, 0.5 * (counts[0] > 0))
+    bits = min(max(int(counts.max()).bit_length(), 1), MAX_BITS)
+    return encode_feature_map(counts, confidence, pose, POINT_GRID, bits=bits)
 
 
 def read_points(received: FeatureMap) -> Cells:
