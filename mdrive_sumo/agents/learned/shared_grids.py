@@ -78,6 +78,8 @@ def encode_points(cells: Cells, pose: ReferencePose) -> tuple[Message, ...]:
 
 def read_points(received: FeatureMap) -> Cells:
     """Return the occupied cells of a received map of counts."""
-    counts = np.clip(np.rint(received.features), 0, MAX_COUNT).astype(np.uint32).ravel()
-    occupied = np.flatnonzero(counts)
-    return (occupied.astype(np.uint32) << np.uint32(8)) | counts[occupied]
+    values = received.features.ravel()
+    occupied = np.flatnonzero(values)
+    counts = np.clip(np.rint(values[occupied]), 0, MAX_COUNT).astype(np.uint32)
+    cells = (occupied.astype(np.uint32) << np.uint32(8)) | counts
+    return cells[counts > 0]
