@@ -9,7 +9,7 @@ import torch
 from testing.learned_samples import make_briefing
 
 from mdrive_sumo.agents.registry import DETECTOR_AGENTS
-from mdrive_sumo.contract import Message, Observation, OwnState, PointCloud, check_reply
+from mdrive_sumo.contract import Message, Observation, OwnState, PointCloud, Reply, check_reply
 from mdrive_sumo.learning.fusion.networks.fusion_network import FusionNetwork
 from mdrive_sumo.learning.fusion.training.export_fusion import export_fusion
 from mdrive_sumo.learning.training.checkpoint import Checkpoint
@@ -48,9 +48,11 @@ def test_fresh_weights_drive_and_noise_breaks_nothing(tmp_path: Path, name: str,
     agents = [DETECTOR_AGENTS[f"perception-swap:{name}"]({"weights": str(weights), "score": 0.1}) for _ in "ab"]
     for agent in agents:
         agent.start(make_briefing(EAST))
-    points = np.random.default_rng(0).uniform(-40, 40, (5000, 4)).astype(np.float32) * np.float32((1, 1, 0.06, 1))
+    points = np.random.default_rng(0).uniform(-40, 40, (5000, 4)).astype(np.float32)
+    points[:, 2] *= 0.06
     scan = {"top": PointCloud(points, np.zeros(0, np.int32), ())}
     said: list[tuple[Message, ...]] = [(), ()]
+    replies: list[Reply] = []
     for tick in range(7):
         own = [OwnState(10.0 * i, 3.0 * i, 0.3 * i, 3.0, 0.0, 0.0, 0.0) for i in range(2)]
         clouds = {} if tick % 4 else scan

@@ -52,7 +52,7 @@ WAIT_TICKS = 2
 """A scan is fused 100 ms after it was made: by then maps of the same scan have arrived over the channels `ideal` and
 `realistic`. It is also the latency of the surrogates' detections. `none` waits as long, so that all are as late."""
 LEAST_CONFIDENCE = 0.01
-"""Tiles in which the sender expects a road user in less than one of a hundred cells' worth of cases stay out."""
+"""Tiles stay out if the sender takes it for less probable that a road user is there, in each of their cells."""
 OPTIONS: Mapping[str, Option] = MappingProxyType(
     {
         # Two packets a map: with CAMs, 18 kB a second of the 22.5 that `realistic` grants, headers included; and 142 of
