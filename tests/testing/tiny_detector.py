@@ -21,8 +21,8 @@ from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_m
 from testing.onnx_writer import Array, Node, write_model
 
 CAR_LAYERS, PERSON_LAYERS, VAN_LAYERS, WALL_LAYERS = slice(1, 4), slice(4, 5), slice(5, 6), slice(6, 8)
-"""Height layers with points of cars (0.3 to 1.6 m), of persons, but no cars (1.6 to 2.0 m), of vans, but neither (2.0 to
-2.8 m), and of walls alone."""
+"""Height layers with points of cars (0.3 to 1.6 m), of persons, but no cars (1.6 to 2.0 m), of vans (2.0 to 2.8 m), and
+of walls alone."""
 SCORE = 0.9
 SIDES_M = 4.5, 2.0
 """Of every box that it answers, along x."""
