@@ -12,7 +12,14 @@ from mdrive_sumo.agents.learned.box_decoding import MAX_IOU, DetectedBoxes
 from mdrive_sumo.agents.learned.detection_tracker import TRACK_ERRORS, DetectionTracker
 from mdrive_sumo.agents.learned.feature_inbox import FeatureInbox, ReceivedMap
 from mdrive_sumo.agents.learned.fusion_network import EncodedScan, FusionDetector, load_detector
-from mdrive_sumo.agents.learned.fusion_spec import FEATURE_CELLS, GRID_REACH_M
+from mdrive_sumo.agents.learned.fusion_spec import (
+    FEATURE_CELLS,
+    GRID_REACH_M,
+    LEAST_CONFIDENCE,
+    MAP_PACKETS,
+    MAP_TICKS,
+    WAIT_TICKS,
+)
 from mdrive_sumo.agents.learned.model_weights import check_runtime
 from mdrive_sumo.agents.learned.network_inputs import LIDAR_ID
 from mdrive_sumo.agents.learned.point_grid import Cells, build_point_cells, merge_cells
@@ -45,19 +52,9 @@ from mdrive_sumo.v2x.awareness_service import AwarenessService
 from mdrive_sumo.v2x.content import MAX_PACKET_BYTES
 from mdrive_sumo.v2x.messages import CPM, ReferencePose
 
-SCAN_TICKS = 4
-"""Scans are encoded and shared at 5 Hz, the rate at which the paper's agents decide; 10 Hz, the LiDAR's rate, would
-take twice the time and the bytes."""
-WAIT_TICKS = 2
-"""A scan is fused 100 ms after it was made: by then maps of the same scan have arrived over the channels `ideal` and
-`realistic`. It is also the latency of the surrogates' detections. `none` waits as long, so that all are as late."""
-LEAST_CONFIDENCE = 0.01
-"""Tiles stay out if the sender takes it for less probable that a road user is there, in each of their cells."""
 OPTIONS: Mapping[str, Option] = MappingProxyType(
     {
-        # Two packets a map: with CAMs, 18 kB a second of the 22.5 that `realistic` grants, headers included; and 142 of
-        # the 200 ms between two maps, after which congestion control of an empty road lets them go (docs/radio.md).
-        "budget": Option(2 * MAX_PACKET_BYTES, 200, 60 * MAX_PACKET_BYTES),
+        "budget": Option(MAP_PACKETS * MAX_PACKET_BYTES, 200, 60 * MAX_PACKET_BYTES),
         "score": Option(0.3, 0.1, 1.0),
     }
 )
@@ -102,7 +99,7 @@ class DetectorAgent:
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Return the LiDAR."""
-        return (SensorSpec("lidar", LIDAR_ID, options={"profile": "lmdrive", "every_ticks": SCAN_TICKS}),)
+        return (SensorSpec("lidar", LIDAR_ID, options={"profile": "lmdrive", "every_ticks": MAP_TICKS}),)
 
     def start(self, briefing: Briefing) -> None:
         """Prepare receiving, tracking and planning; nothing is left of an earlier episode."""

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.ego_frame import convert_to_frame
+from mdrive_sumo.agents.learned.fusion_spec import MAX_AGE_TICKS
 from mdrive_sumo.contract import Message, Note, OwnState
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import wrap_angle
@@ -16,8 +17,6 @@ from mdrive_sumo.v2x.feature_map import FeatureMap, assemble_feature_map
 from mdrive_sumo.v2x.messages import FEATURE, Feature, FeatureGrid, MessageError, ReferencePose
 from mdrive_sumo.v2x.shared_reading import decode_shared
 
-MAX_AGE_TICKS = 6
-"""Older maps are dropped: detectors are trained on 0 to 300 ms (`fusion_spec.DELAYS_TICKS`)."""
 MAX_MAP_PACKETS = 64
 """Of one map: those that a reply has room for. More are the work of a sender that wastes our memory."""
 

@@ -15,7 +15,7 @@ from testing.tiny_detector import save_tiny_detector
 
 from mdrive_sumo.agents.learned.box_decoding import DetectedBoxes, decode_boxes
 from mdrive_sumo.agents.learned.detection_tracker import DetectionTracker
-from mdrive_sumo.agents.learned.detector_agent import LEAST_CONFIDENCE, OPTIONS, SCAN_TICKS, WAIT_TICKS, DetectorAgent
+from mdrive_sumo.agents.learned.detector_agent import OPTIONS, DetectorAgent
 from mdrive_sumo.agents.learned.fusion_network import EncodedScan, load_detector
 from mdrive_sumo.agents.learned.fusion_spec import (
     BOX_NUMBERS,
@@ -23,7 +23,10 @@ from mdrive_sumo.agents.learned.fusion_spec import (
     FEATURE_CELLS,
     FEATURE_CHANNELS,
     FUSIONS,
+    LEAST_CONFIDENCE,
+    MAP_TICKS,
     OUTPUT_CELLS,
+    WAIT_TICKS,
 )
 from mdrive_sumo.agents.learned.shared_grids import build_feature_grid, encode_features
 from mdrive_sumo.agents.registry import DETECTOR_AGENTS
@@ -83,7 +86,7 @@ def drive(agents: dict[str, DetectorAgent], ticks: int = 11, change: Change = la
         now: dict[str, Sequence[Message]] = {}
         for car, agent in agents.items():
             heard = change(said["b"]) if car == "a" else said["a"]
-            clouds = {} if tick % SCAN_TICKS else {"top": SCANS[car]}
+            clouds = {} if tick % MAP_TICKS else {"top": SCANS[car]}
             reply = agent.act(Observation(tick, own_state(car), lidar=clouds, messages=tuple(heard)))
             check_reply(reply, frozenset(CONTROLLERS))
             now[car] = [replace(message, sender=car, tick=tick) for message in reply.messages]
@@ -127,14 +130,14 @@ def test_a_detector_that_shares_nothing_says_nothing_and_does_not_listen(weights
 def test_detections_come_once_a_scan_and_a_little_later(weights: Path) -> None:
     replies = drive({"a": make_agent(weights, "none")})
     looked = [tick for tick, reply in enumerate(replies) if reply.detections is not None]
-    assert looked == [WAIT_TICKS + SCAN_TICKS * i for i in range(3)]
+    assert looked == [WAIT_TICKS + MAP_TICKS * i for i in range(3)]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_labels_sensors_and_descriptions(weights: Path, name: str) -> None:
     agent = make_agent(weights, name)
     (lidar,) = agent.sensors()
-    assert (lidar.kind, dict(lidar.options)) == ("lidar", {"profile": "lmdrive", "every_ticks": SCAN_TICKS})
+    assert (lidar.kind, dict(lidar.options)) == ("lidar", {"profile": "lmdrive", "every_ticks": MAP_TICKS})
     assert derive_sensing_track([agent.sensors()]) == "sensor"
     assert agent.label == ("single" if name == "none" else "sharing")
     assert (type(agent).__doc__ or "").startswith("The paper's rule-based planner behind")
@@ -148,7 +151,7 @@ def test_what_is_sent_and_when(weights: Path, name: str) -> None:
     for tick, sent in enumerate(types):
         assert sent[: len(told)] == (told if tick % 2 == 0 else [])
         features = [one for one in sent if one == FEATURE]
-        assert len(features) > 0 if name != "late" and tick % SCAN_TICKS == 0 else features == []
+        assert len(features) > 0 if name != "late" and tick % MAP_TICKS == 0 else features == []
     contents = [decode(message) for message in replies[4].messages]
     grids = {one.grid.name for one in contents if isinstance(one, Feature)}
     assert grids == (set() if name == "late" else {"points" if name == "early" else name})
@@ -239,7 +242,7 @@ def find_boxes(*rows: tuple[float, ...]) -> DetectedBoxes:
 def test_tracks_learn_the_speed_of_what_moves_and_predict_it() -> None:
     tracker, speed = DetectionTracker(), 8.0
     assert len(tracker.predict(0)) == 0
-    for tick in range(0, 21, SCAN_TICKS):
+    for tick in range(0, 21, MAP_TICKS):
         own = OwnState(0.0, 0.1 * tick, math.pi / 2, 2.0, 0.0, 0.0, 0.0)  # it looks along the world's y
         ahead = 20.0 + speed * tick * DT
         tracker.update(tick, own, find_boxes((ahead - own.y, -3.0, 0.0, 4.5, 2.0)))
@@ -253,7 +256,7 @@ def test_what_is_seen_once_is_no_object_later_in_a_drive_and_what_lies_outside_t
     tracker, own = DetectionTracker(), OwnState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     tracker.update(100, own, find_boxes((30.0, 0.0, 0.0, 4.5, 2.0), (1e6, 0.0, 0.0, 4.5, 2.0)))
     assert len(tracker.predict(102)) == 0
-    for tick in range(104, 121, SCAN_TICKS):
+    for tick in range(104, 121, MAP_TICKS):
         tracker.update(tick, own, find_boxes((30.0, 0.0, 0.0, 4.5, 2.0), (1e6, 0.0, 0.0, 4.5, 2.0)))
     assert tracker.predict(122).x == pytest.approx([30.0], abs=0.1)
 

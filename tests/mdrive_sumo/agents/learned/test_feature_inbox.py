@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdrive_sumo.agents.learned.feature_inbox import MAX_AGE_TICKS, MAX_MAP_PACKETS, FeatureInbox
-from mdrive_sumo.agents.learned.fusion_spec import GRID_LAYERS
+from mdrive_sumo.agents.learned.feature_inbox import MAX_MAP_PACKETS, FeatureInbox
+from mdrive_sumo.agents.learned.fusion_spec import GRID_LAYERS, MAX_AGE_TICKS
 from mdrive_sumo.agents.learned.point_grid import GRID_SIZE, Cells
 from mdrive_sumo.agents.learned.shared_grids import (
     MAX_RECEIVED_FEATURE,
