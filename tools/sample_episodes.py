@@ -28,7 +28,7 @@ SHORT = (("i08_ins_ss_old_town", 1), ("pre-crash_09", 1))
 SAMPLE: Mapping[str, tuple[tuple[str, int], ...]] = {
     "stationary": SHORT[1:],
     "single": (SHORT[0], ("corridor_061", 0)),
-    **{f"perception-swap:{name}": SHORT[:1] for name in ("attfuse", "disconet", "fcooper", "cobevt")},
+    **{f"perception-swap:{name}:profile": SHORT[:1] for name in ("attfuse", "disconet", "fcooper", "cobevt")},
     **dict.fromkeys(("tcp", "vad", "uniad", "lmdrive"), SHORT[1:]),
 }
 """Agents with another sample than `SHORT`: those that need a second or more for an episode have one."""

@@ -37,6 +37,17 @@ _LEARNED = {
 }
 LEARNED_AGENTS = AgentTable(_LEARNED)
 """Counterparts of the paper's systems."""
+_DETECTORS = {
+    "perception-swap:attfuse": "learned.detector_agent:AttFuseAgent",
+    "perception-swap:disconet": "learned.detector_agent:DiscoNetAgent",
+    "perception-swap:fcooper": "learned.detector_agent:FCooperAgent",
+    "perception-swap:cobevt": "learned.detector_agent:CoBevtAgent",
+    "perception-swap:late": "learned.detector_agent:LateSharingAgent",
+    "perception-swap:early": "learned.detector_agent:EarlySharingAgent",
+    "perception-swap:none": "learned.detector_agent:LoneDetectorAgent",
+}
+DETECTOR_AGENTS = AgentTable(_DETECTORS)
+"""The paper's rule-based planner behind trained detectors."""
 _HUMAN = {"human": "human:HumanAgent", "human-replay": "human:HumanReplayAgent"}
 HUMAN_AGENTS = AgentTable(_HUMAN)
 """The cars of people: `loop.human_driver` gives them controls. They drive nothing by themselves."""
@@ -57,10 +68,11 @@ AGENTS = AgentTable(
         "colmdriver": "colmdriver:ColmdriverAgent",
         "sharing+negotiation": "sharing:SharingNegotiationAgent",
         **_LEARNED,
-        "perception-swap:attfuse": "perception_swap:AttFuseAgent",
-        "perception-swap:disconet": "perception_swap:DiscoNetAgent",
-        "perception-swap:fcooper": "perception_swap:FCooperAgent",
-        "perception-swap:cobevt": "perception_swap:CoBevtAgent",
+        **_DETECTORS,
+        "perception-swap:attfuse:profile": "perception_swap:AttFuseProfileAgent",
+        "perception-swap:disconet:profile": "perception_swap:DiscoNetProfileAgent",
+        "perception-swap:fcooper:profile": "perception_swap:FCooperProfileAgent",
+        "perception-swap:cobevt:profile": "perception_swap:CoBevtProfileAgent",
         "omniscient": "omniscient:OmniscientAgent",
         **_HUMAN,
     }

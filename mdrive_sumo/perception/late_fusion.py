@@ -38,6 +38,8 @@ class FusionLimits:
     max_distance_m: float
 
 
+OPV2V_LIMITS = FusionLimits(max_senders=4, max_distance_m=70.0)
+"""The setting of OPV2V, in which the paper's cooperative detectors were published."""
 FUSION = FusionParameters()
 ETSI_FUSION = replace(FUSION, memory_ticks=2 * TICKS_PER_SECOND + TICKS_PER_SECOND // 4)
 """Under `--v2x-rate etsi` stations tell of an object once a second at least, and one of these messages may be lost."""

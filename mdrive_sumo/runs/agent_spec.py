@@ -19,7 +19,8 @@ from mdrive_sumo.agent_process.agent_lookup import (
     split_locator,
 )
 from mdrive_sumo.agent_process.child_process import AgentBox
-from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
+from mdrive_sumo.agents.learned.model_weights import find_encoder
+from mdrive_sumo.agents.registry import AGENTS, DETECTOR_AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import Agent
 from mdrive_sumo.contract.human_options import HUMAN_REPLAY, TAKE_OPTION
 from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
@@ -157,7 +158,7 @@ class AgentSpec:
     @property
     def is_learned(self) -> bool:
         """Whether it is a built-in agent that ONNX Runtime computes for."""
-        return isinstance(self.agent, str) and self.agent in LEARNED_AGENTS
+        return isinstance(self.agent, str) and (self.agent in LEARNED_AGENTS or self.agent in DETECTOR_AGENTS)
 
     def with_pace(self, pace_s: float) -> "AgentSpec":
         """Return the agent as it is asked in a run with a pace; 0: none."""
@@ -211,8 +212,13 @@ class AgentSpec:
         return compute_files_checksum(files) if files else ""
 
     def _list_option_files(self) -> dict[str, dict[str, Path]]:
-        """Return the files that options name, by option and place: "" for the file itself; of a take its recordings."""
+        """Return the files that options name, by option and place: "" for the file itself; of a take its recordings,
+        of a detector its encoder."""
         files = {name: {"": Path(value)} for name, value in self.config.items() if _is_file(value)}
+        if isinstance(self.agent, str) and self.agent in DETECTOR_AGENTS:
+            for found in files.values():
+                encoder = find_encoder(found[""])
+                found |= {"/encoder": encoder} if encoder.is_file() else {}
         take = self.config.get(TAKE_OPTION)
         if self.agent == HUMAN_REPLAY and isinstance(take, str) and "\0" not in take:
             recordings = sorted((Path(take) / EPISODES_FOLDER).glob("*.npz"))

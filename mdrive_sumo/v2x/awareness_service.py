@@ -32,9 +32,20 @@ class AwarenessService:
     checked in the same intervals.
     """
 
-    def __init__(self, briefing: Briefing, range_m: float, detector: str = IDEAL) -> None:
-        """Configure the service; detector: error profile of the own detections, which states their age and errors."""
-        self._vehicle, self._range, self._profile = briefing.vehicle, range_m, PROFILES[detector]
+    def __init__(
+        self,
+        briefing: Briefing,
+        range_m: float,
+        detector: str | DetectionProfile = IDEAL,
+        shares_objects: bool = True,
+    ) -> None:
+        """Configure the service.
+
+        detector: error profile of the own detections, or its name; it states their age and errors. shares_objects:
+        whether there are CPMs; a CAV that shares something else than objects has none.
+        """
+        self._vehicle, self._range, self._shares_objects = briefing.vehicle, range_m, shares_objects
+        self._profile = PROFILES[detector] if isinstance(detector, str) else detector
         self._due_tick = 0
         self._services = None if briefing.v2x_rate == "fixed" else _EtsiServices(briefing, self._profile)
 
@@ -49,12 +60,13 @@ class AwarenessService:
         cam = Cam(pose, own.speed, own.acceleration, own.yaw_rate, *size, own.speed_sigma)
         objects = _select_objects(observation.objects, own.x, own.y)
         if self._services is None:
-            return encode(cam), encode(build_cpm(pose, self._range, objects, self._profile))
+            cpms = (encode(build_cpm(pose, self._range, objects, self._profile)),) if self._shares_objects else ()
+            return encode(cam), *cpms
         contents: list[Cam | Cpm | Denm] = []
         if (due_cam := self._services.check_cam(cam)) is not None:
             contents.append(due_cam)
         due = self._services.cpm_rule.check(pose.tick, objects, count_fitting_objects(objects))
-        if due is not None:
+        if due is not None and self._shares_objects:
             contents.append(build_cpm(pose, self._range, take_due(objects, due), self._profile))
         contents += self._services.check_denms(observation, cam, objects)
         return tuple(encode(content) for content in contents)

@@ -31,6 +31,20 @@ MAX_CAVS = 5
 DELAYS_TICKS = (0, 2, 4, 6)
 """Ages of a sender's scan that frames hold: 0 to 300 ms, as a LiDAR of 10 Hz gives them."""
 
+MAP_TICKS = 4
+"""A scan is encoded and shared at 5 Hz, the rate at which the paper's agents decide; 10 Hz, the LiDAR's rate, would
+take twice the time and the bytes."""
+WAIT_TICKS = 2
+"""A scan is fused 100 ms after it was made: by then maps of the same scan have arrived over the channels `ideal` and
+`realistic`. It is also the latency of the surrogates' detections. `none` waits as long, so that all are as late."""
+MAX_AGE_TICKS = DELAYS_TICKS[-1]
+"""Maps that are older than the own scan by more are dropped: no detector was trained on them."""
+LEAST_CONFIDENCE = 0.01
+"""Tiles stay out if the sender takes it for less probable that a road user is there, in each of their cells."""
+MAP_PACKETS = 2
+"""Packets of a map. With CAMs, 18 kB a second of the 22.5 that `realistic` grants, headers included; and 142 of the
+200 ms between two maps, after which congestion control of an empty road lets them go over ITS-G5 (docs/radio.md)."""
+
 OUTPUT_CELLS, OUTPUT_CELL_M = 128, 0.8
 """Maps of the detection head."""
 CLASSES = ("vehicle", "rider", "pedestrian")

@@ -52,6 +52,11 @@ class DrivingNetwork:
         return outputs
 
 
+def find_encoder(file: Path) -> Path:
+    """Return the file of the encoder that lies beside a detector's .onnx or .json file."""
+    return file.with_name(f"{file.stem}-encoder.onnx")
+
+
 def load_network(spec: SystemSpec, path: Path | None = None, use_gpu: bool = True) -> DrivingNetwork:
     """Return the network of a system. path: its .onnx or .json file, the other lies beside it; None: as packaged.
 
@@ -64,11 +69,7 @@ def load_network(spec: SystemSpec, path: Path | None = None, use_gpu: bool = Tru
 
 def read_checked_manifest(file: Path, system: str) -> "WeightsManifest":
     """Return the manifest of a .onnx file. Raises InputError as `load_network`, also for weights of another system."""
-    if importlib.util.find_spec("onnxruntime") is None:
-        raise InputError(
-            f"agent {system}: expected ONNX Runtime to run its network, found none installed;"
-            f" {format_installation('learned')}"
-        )
+    check_runtime(system)
     from mdrive_sumo.agents.learned.weights_manifest import read_manifest
 
     manifest = read_manifest(file.with_suffix(".json"))
@@ -76,6 +77,15 @@ def read_checked_manifest(file: Path, system: str) -> "WeightsManifest":
         raise InputError(f"weights {file}: expected those of the system {system!r}, found {manifest.system!r}")
     _read_weights(file, manifest)  # also if it is loaded already: the file may have been replaced
     return manifest
+
+
+def check_runtime(agent: str) -> None:
+    """Raise InputError unless ONNX Runtime is installed, which runs the networks of an agent."""
+    if importlib.util.find_spec("onnxruntime") is None:
+        raise InputError(
+            f"agent {agent}: expected ONNX Runtime to run its network, found none installed;"
+            f" {format_installation('learned')}"
+        )
 
 
 @lru_cache(maxsize=CACHED_NETWORKS)

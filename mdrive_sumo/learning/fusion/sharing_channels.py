@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.agents.learned.fusion_spec import DELAYS_TICKS
+from mdrive_sumo.agents.learned.fusion_spec import DELAYS_TICKS, MAP_PACKETS, MAP_TICKS, WAIT_TICKS
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.clock import TICKS_PER_SECOND
 from mdrive_sumo.core.geometry import Float
@@ -23,10 +23,6 @@ from mdrive_sumo.v2x.radio.radio_medium import RadioMedium, Transmission
 from mdrive_sumo.v2x.radio.radio_scene import RadioScene
 from mdrive_sumo.v2x.radio.radio_settings import RadioProfile, RadioSettings
 
-MAP_TICKS = 4
-"""A map every 200 ms."""
-WAIT_TICKS = 2
-"""The own scan is fused 100 ms after it was made, with what has arrived by then."""
 WARM_UP_MAPS = 7
 """Maps that were sent before, so that loads, which the radio measures over a second, and queues are settled."""
 CAM_BYTES = 29
@@ -50,7 +46,7 @@ CHANNELS = (
     SharingChannel("ideal"),
     # Congestion control of an empty road lets a full packet of ITS-G5 go every 71 ms, one of LTE-V2X every 100 ms: more
     # packets fill the queue with maps that are too old, CAMs go besides, and nothing arrives in time.
-    SharingChannel("its-g5", RadioProfile.ITS_G5, 2),
+    SharingChannel("its-g5", RadioProfile.ITS_G5, MAP_PACKETS),
     SharingChannel("lte-v2x", RadioProfile.LTE_V2X, 1),
 )
 BUDGETS = (

@@ -15,6 +15,7 @@ from mdrive_sumo.contract import Agent, Cause, Objects, Privileged, Reason, Repl
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 
+PROFILE = "perception-swap:cobevt:profile"
 SEEN, TRACKED = "t0000002a", "k0"
 """Names of the only road user: of the sensor's track, and of the tracker of the agents that have one."""
 AHEAD = things((18.0, 0.0, 0.0, 0.0), ids=(SEEN,))
@@ -54,9 +55,9 @@ def find_first(name: str, objects: Objects, parts: dict[str, Any], speed: float 
         ("sharing", AHEAD, {}, Cause.BLOCKED, (TRACKED,)),
         ("sharing+negotiation", AHEAD, {}, Cause.BLOCKED, (TRACKED,)),
         ("colmdriver-rule", AHEAD, {}, Cause.BLOCKED, (TRACKED,)),
-        ("perception-swap:cobevt", NOTHING, {}, Cause.FREE, ()),
-        ("perception-swap:cobevt", things((9.0, 0.0, 0.0, 0.0), ids=(SEEN,)), {}, Cause.HAZARD, (SEEN,)),
-        ("perception-swap:cobevt", NOTHING, {"traffic_lights": (TrafficLight("L", 12.0),)}, Cause.LIGHT, ("L",)),
+        (PROFILE, NOTHING, {}, Cause.FREE, ()),
+        (PROFILE, things((9.0, 0.0, 0.0, 0.0), ids=(SEEN,)), {}, Cause.HAZARD, (SEEN,)),
+        (PROFILE, NOTHING, {"traffic_lights": (TrafficLight("L", 12.0),)}, Cause.LIGHT, ("L",)),
     ],
 )  # fmt: skip
 def test_an_agent_says_what_limits_it(

@@ -47,7 +47,7 @@ TALKING: Mapping[str, frozenset[str]] = {
     "sharing": frozenset((CAM, CPM)),
     "colmdriver-rule": frozenset((MCM,)),
     "sharing+negotiation": frozenset((CAM, CPM, MCM)),
-    "perception-swap:attfuse": frozenset((CAM, CPM)),
+    "perception-swap:attfuse:profile": frozenset((CAM, CPM)),
 }
 
 
@@ -83,7 +83,7 @@ def test_baselines_arrive_unharmed(agent: str, scenario: str) -> None:
 @pytest.mark.parametrize("name", sampled(SWAPS, ("attfuse",)))
 def test_perception_swaps_arrive(name: str) -> None:
     """Not unharmed: their hazard rule looks straight ahead only and knows no stop signs."""
-    episode = driven(TOWN, f"perception-swap:{name}")
+    episode = driven(TOWN, f"perception-swap:{name}:profile")
     assert {ending.end for ending in episode.endings} == {End.ARRIVED}
     assert {record.note.kind for record in episode.notes} <= {REASON}  # no warning, no failure
 
@@ -91,7 +91,7 @@ def test_perception_swaps_arrive(name: str) -> None:
 @pytest.mark.parametrize(
     ("agent", "label"),
     [("single", "single"), ("sharing", "sharing"), ("colmdriver-rule", "negotiation"), ("colmdriver", "negotiation"),
-     ("sharing+negotiation", "negotiation"), *((f"perception-swap:{name}", "sharing") for name in SWAPS)],
+     ("sharing+negotiation", "negotiation"), *((f"perception-swap:{name}:profile", "sharing") for name in SWAPS)],
 )  # fmt: skip
 def test_labels(agent: str, label: str) -> None:
     options = {"endpoint": "http://127.0.0.1:9/v1"} if agent == "colmdriver" else {}
@@ -109,7 +109,7 @@ def test_sensors_are_what_the_options_say(agent: str) -> None:
 
 @pytest.mark.parametrize("name", SWAPS)
 def test_perception_swaps_differ_in_their_detector_only(name: str) -> None:
-    (spec,) = AGENTS[f"perception-swap:{name}"]({}).sensors()
+    (spec,) = AGENTS[f"perception-swap:{name}:profile"]({}).sensors()
     assert (spec.kind, spec.range_m, dict(spec.options)) == ("objects", 80.0, {"profile": name})
 
 
@@ -123,7 +123,7 @@ def test_perception_swaps_differ_in_their_detector_only(name: str) -> None:
         *((agent, {"detector": "eyes"}, "option detector: expected one of standard, lidar") for agent in DRIVING),
         ("colmdriver-rule", {"compat_ego0": 2}, "option compat_ego0: expected a number in [0, 1], found 2"),
         ("sharing", {"compat_ego0": 1}, "junction_share, range, speed, speed_share), found 'compat_ego0'"),
-        ("perception-swap:cobevt", {"range": 50.0}, "expected options among (none), found 'range'"),
+        ("perception-swap:cobevt:profile", {"range": 50.0}, "expected options among (none), found 'range'"),
         ("colmdriver", {"endpoint": "http://127.0.0.1:9/v1", "speed": 1.0}, "option speed: expected a number in"),
     ],
 )
@@ -169,7 +169,9 @@ def test_cams_contain_the_estimated_state_of_their_sender() -> None:
     assert 0.03 < max(errors) < 5 * 0.2
 
 
-@pytest.mark.parametrize("agent", sampled(("sharing+negotiation", "perception-swap:fcooper"), ("sharing+negotiation",)))
+@pytest.mark.parametrize(
+    "agent", sampled(("sharing+negotiation", "perception-swap:fcooper:profile"), ("sharing+negotiation",))
+)
 def test_two_runs_over_a_bad_channel_are_equal(agent: str, tmp_path: Path) -> None:
     suite = make_short_suite(tmp_path, TOWN, metres=8)
     bad = CommSettings(link=LinkSettings(latency_ticks=2, loss=0.3, pose_error_m=0.6, pose_error_deg=0.6))

@@ -4,7 +4,7 @@ import pytest
 from testing.planning import briefing, own, seen, things
 
 from mdrive_sumo.agents.human import HumanAgent, HumanReplayAgent
-from mdrive_sumo.agents.registry import AGENTS, ASKING_AGENTS, HUMAN_AGENTS, LEARNED_AGENTS
+from mdrive_sumo.agents.registry import AGENTS, ASKING_AGENTS, DETECTOR_AGENTS, HUMAN_AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import STANDSTILL
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.v2x.messages import CAM, CPM
@@ -14,7 +14,7 @@ OTHER_DETECTORS = {"idm", *(name for name in AGENTS if name.startswith("percepti
 
 
 def test_every_agent_may_drive_that_needs_no_other_sensor_and_no_language_model() -> None:
-    names = {*AGENTS} - {*HUMAN_AGENTS} - {*ASKING_AGENTS} - {*LEARNED_AGENTS}
+    names = {*AGENTS} - {*HUMAN_AGENTS} - {*ASKING_AGENTS} - {*LEARNED_AGENTS} - {*DETECTOR_AGENTS}
     allowed: set[str] = set()
     for name in names:
         try:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from testing.planning import briefing, own, seen, things
 
-from mdrive_sumo.agents.perception_swap import PERCEPTION_SWAP, AttFuseAgent, find_hazards
+from mdrive_sumo.agents.perception_swap import AttFuseProfileAgent
 from mdrive_sumo.contract import Objects, Observation, Reply, StopSign, TrafficLight
+from mdrive_sumo.planning.hazard_rule import HAZARD_RULE, find_hazards
 from mdrive_sumo.v2x.messages import CAM, CPM, Cpm, ReferencePose, encode
 
 NOTHING = things()
@@ -45,8 +46,8 @@ def test_one_of_several_objects_is_a_hazard() -> None:
     assert not len(find_hazards(own(speed=5.0), NOTHING))
 
 
-def started(*lights: TrafficLight) -> AttFuseAgent:
-    agent = AttFuseAgent({})
+def started(*lights: TrafficLight) -> AttFuseProfileAgent:
+    agent = AttFuseProfileAgent({})
     agent.start(replace(briefing(), traffic_lights=lights))
     return agent
 
@@ -58,23 +59,23 @@ def halts(reply: Reply) -> bool:
     return bool(np.ptp(reply.plan.points[:5, 0]) < 0.01)
 
 
-def asked(agent: AttFuseAgent, tick: int, objects: Objects, speed: float = 5.0) -> bool:
+def asked(agent: AttFuseProfileAgent, tick: int, objects: Objects, speed: float = 5.0) -> bool:
     return halts(agent.act(seen(tick, own(speed=speed), objects)))
 
 
 def test_a_hazard_is_held_for_three_ticks() -> None:
     agent, close = started(), things((9, 0, 0, 0))
     found = [asked(agent, tick, close if tick in (2, 10, 11) else NOTHING) for tick in range(20)]
-    assert PERCEPTION_SWAP.hold_ticks == 3
+    assert HAZARD_RULE.hold_ticks == 3
     assert [tick for tick, standing in enumerate(found) if standing] == [2, 3, 4, 10, 11, 12, 13]
 
 
 def test_on_a_free_road_it_drives_21_kmh() -> None:
     reply = started().act(seen(0, own(), NOTHING))
     assert reply.plan is not None
-    assert math.isclose(PERCEPTION_SWAP.speed * 3.6, 21.6)
+    assert math.isclose(HAZARD_RULE.speed * 3.6, 21.6)
     assert reply.plan.points[:, 0] == pytest.approx(
-        PERCEPTION_SWAP.speed * PERCEPTION_SWAP.interval_s * np.arange(1, 16), abs=0.05
+        HAZARD_RULE.speed * HAZARD_RULE.interval_s * np.arange(1, 16), abs=0.05
     )
 
 
@@ -99,7 +100,7 @@ def test_red_lights_count_and_stop_signs_do_not() -> None:
     assert halts(agent.act(red))
     assert not halts(agent.act(replace(red, signals={"L": "g"})))
     assert not halts(started(TrafficLight("L", 40.0)).act(red))  # far ahead
-    agent = AttFuseAgent({})
+    agent = AttFuseProfileAgent({})
     agent.start(replace(briefing(), stop_signs=(StopSign(10.0),)))
     assert not halts(agent.act(red))
 

@@ -189,7 +189,7 @@ def test_locators_come_back(tmp_path: Path) -> None:
         assert hidden.endswith(("../../my.py", "../../my.py:Mine"))
         assert restore_locator(hidden, folder) == name
     assert hide_locator(f"{tmp_path}/my.py:Mine") == "my.py:Mine"
-    for name in ("idm", "perception-swap:attfuse", "package.module:Class", "my.py:Mine"):
+    for name in ("idm", "perception-swap:attfuse:profile", "package.module:Class", "my.py:Mine"):
         assert hide_locator(name, folder) == name
         assert restore_locator(name, folder) == name
 

@@ -17,7 +17,7 @@ COMMAND = [sys.executable, "-c", f"import {main.__module__} as cli; cli.main()"]
 SAMPLE = "*ins_chaos*"
 
 
-TALKING = ("sharing", "colmdriver-rule", "sharing+negotiation", "perception-swap:cobevt")
+TALKING = ("sharing", "colmdriver-rule", "sharing+negotiation", "perception-swap:cobevt:profile")
 WORN = ("--comm-loss", "0.3", "--comm-latency", "2", "--pose-error", "0.6,0.6")
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from testing.planning import LENGTH, WIDTH, briefing, own, seen, things
 from testing.twins import compare_twins, get_compiled
 
-from mdrive_sumo.contract import Message, Objects
+from mdrive_sumo.contract import Briefing, Message, Objects
 from mdrive_sumo.contract.detector_profiles import LIDAR_SINGLE, PROFILES, DetectionProfile
 from mdrive_sumo.v2x.awareness_service import AwarenessService
 from mdrive_sumo.v2x.messages import (
@@ -117,6 +117,18 @@ def test_by_the_rules_of_etsi_a_standing_car_sends_once_a_second() -> None:
     sent = drive(AwarenessService(ETSI, 80.0), 0.0, range(61), (20.0, 3.0, 0.2, 0.0))
     kinds = {tick: tuple(type(one) for one in contents) for tick, contents in sent.items() if contents}
     assert kinds == dict.fromkeys((0, 20, 40, 60), (Cam, Cpm))
+
+
+@pytest.mark.parametrize("about", [briefing(), ETSI])
+def test_a_car_that_shares_no_objects_sends_cams_in_the_same_ticks_and_no_cpm(about: Briefing) -> None:
+    whole, part = (
+        drive(AwarenessService(about, 80.0, shares_objects=shares), 0.0, range(61), (20.0, 3.0, 0.2, 0.0))
+        for shares in (True, False)
+    )
+    assert {tick: [type(one) for one in sent if isinstance(one, Cam)] for tick, sent in whole.items()} == {
+        tick: [type(one) for one in sent] for tick, sent in part.items()
+    }
+    assert any(isinstance(one, Cpm) for sent in whole.values() for one in sent)
 
 
 def test_by_the_rules_of_etsi_cams_have_the_way_that_the_car_came() -> None:

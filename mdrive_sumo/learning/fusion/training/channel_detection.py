@@ -16,6 +16,7 @@ from mdrive_sumo.agents.learned.fusion_spec import (
     FEATURE_CHANNELS,
     FUSIONS,
     GRID_VERSION,
+    LEAST_CONFIDENCE,
     MAX_CAVS,
     TILE_CELLS,
 )
@@ -31,8 +32,6 @@ from mdrive_sumo.v2x.messages import Feature, FeatureGrid, ReferencePose, decode
 GRID = FeatureGrid(
     "measured", GRID_VERSION, FEATURE_CELL_M, FEATURE_CELLS, FEATURE_CELLS, FEATURE_CHANNELS, tile_cells=TILE_CELLS
 )
-LEAST_CONFIDENCE = 0.01
-"""As in a drive: tiles whose best cell is less likely to hold a road user stay out."""
 CPM_BYTES, BOX_BYTES = 23, 21
 """A CPM without free sight, and each object of it (docs/v2x.md)."""
 BATCH = 16
