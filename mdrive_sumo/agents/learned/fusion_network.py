@@ -14,12 +14,14 @@ from mdrive_sumo.agents.learned.box_decoding import DetectedBoxes, decode_boxes
 from mdrive_sumo.agents.learned.fusion_spec import (
     BOX_NUMBERS,
     CLASSES,
+    CODRIVING,
     FEATURE_CELLS,
     FEATURE_CHANNELS,
-    FUSIONS,
+    FORECAST_S,
     GRID_CELLS,
     GRID_LAYERS,
     OUTPUT_CELLS,
+    SHARING,
     check_detector,
 )
 from mdrive_sumo.agents.learned.model_weights import (
@@ -46,17 +48,25 @@ FUSION_OUTPUTS: Mapping[str, str] = MappingProxyType(
     }
 )
 """dtype and shape of each array."""
+OCCUPANCY = f"float32 {[len(FORECAST_S), OUTPUT_CELLS, OUTPUT_CELLS]}"
+"""dtype and shape of `tracks`, where known road users would go at constant velocity, and of `occupancy`."""
+
+
+def describe_fusion_outputs(detector: str) -> Mapping[str, str]:
+    """Return dtype and shape of each output of a detector's fusion."""
+    return FUSION_OUTPUTS if detector != CODRIVING else {**FUSION_OUTPUTS, "occupancy": OCCUPANCY}
 
 
 def describe_fusion_inputs(detector: str) -> Mapping[str, str]:
     """Return dtype and shape of each input of a detector's fusion; `none` and `early` know the own car only."""
-    if detector not in FUSIONS:
+    if detector not in SHARING:
         return {"features": f"float32 {[FEATURE_CHANNELS, *_CELLS]}"}
     return {
         "features": f"float32 {['cars', FEATURE_CHANNELS, *_CELLS]}",
         "arrived": f"float32 {['cars', *_CELLS]}",
         "pose": f"float32 {['cars', 3]}",
         "age": f"float32 {['cars']}",
+        **({"tracks": OCCUPANCY} if detector == CODRIVING else {}),
     }
 
 
@@ -92,13 +102,25 @@ class FusionDetector:
         arrived: (N, FEATURE_CELLS, FEATURE_CELLS) 1 where a cell arrived, else 0. pose: (N, 3) x, y [m], yaw [rad] of
         each car in the own frame. age: (N,) [s]. `none` and `early` take the features of car 0 and nothing else.
         """
-        if self.name in FUSIONS:
+        if self.name in SHARING:
             assert arrived is not None and pose is not None and age is not None, "a fusion needs them"
             inputs = {"features": features, "arrived": arrived, "pose": pose, "age": age}
         else:
             inputs = {"features": features[0]}
         scores, numbers = self.fusion.session.run(list(FUSION_OUTPUTS), inputs)
         return decode_boxes(scores, numbers)
+
+    def forecast(
+        self, features: Float32, arrived: Float32, pose: Float32, age: Float32, tracks: Float32
+    ) -> tuple[DetectedBoxes, Float32]:
+        """Return the boxes of a frame, and how likely each cell is occupied at `FORECAST_S`; of `codriving` only.
+
+        The first four arguments are those of `detect`. tracks: (len(FORECAST_S), OUTPUT_CELLS, OUTPUT_CELLS) 1 where a
+        road user known from earlier scans would be at these times at constant velocity (`occupancy_grid`), else 0.
+        """
+        inputs = {"features": features, "arrived": arrived, "pose": pose, "age": age, "tracks": tracks}
+        scores, numbers, occupancy = self.fusion.session.run([*FUSION_OUTPUTS, "occupancy"], inputs)
+        return decode_boxes(scores, numbers), occupancy
 
 
 def load_detector(name: str, folder: Path | None = None, use_gpu: bool = False) -> FusionDetector:
@@ -125,5 +147,5 @@ def _open_detector(
     return FusionDetector(
         name,
         open_weights(encoder, encoder_manifest, ENCODER_INPUTS, ENCODER_OUTPUTS, use_gpu),
-        open_weights(fusion, fusion_manifest, describe_fusion_inputs(name), FUSION_OUTPUTS, use_gpu),
+        open_weights(fusion, fusion_manifest, describe_fusion_inputs(name), describe_fusion_outputs(name), use_gpu),
     )

@@ -58,7 +58,13 @@ FUSIONS = ("attfuse", "disconet", "fcooper", "cobevt")
 """What fuses features of several cars."""
 BOUNDS = ("none", "late", "early")
 """No sharing; boxes are shared; cells of the point grid are shared."""
-TRAINED = ("none", "early", *FUSIONS)
+CODRIVING = "codriving"
+"""The counterpart of CoDriving: `attfuse` with a forecast of occupancy, on which a planner drives."""
+SHARING = (*FUSIONS, CODRIVING)
+"""What gets features of several cars."""
+FORECAST_S = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
+"""[s] After the scan: times of the maps of occupancy, in cells of the detection head."""
+TRAINED = ("none", "early", *SHARING)
 """Detectors with weights. `late` merges the boxes of `none`."""
 
 

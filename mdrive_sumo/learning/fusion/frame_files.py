@@ -16,7 +16,7 @@ from mdrive_sumo.agents.learned.fusion_spec import GRID_VERSION
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_folder, write_bytes, write_text
-from mdrive_sumo.learning.fusion.frames import ARRAYS, FusionFrames, check_frames, concatenate_frames
+from mdrive_sumo.learning.fusion.frames import ARRAYS, OPTIONAL, FusionFrames, check_frames, concatenate_frames
 
 FORMAT = "mdrive-sumo fusion frames 1"
 INDEX_NAME, ARCHIVE_NAME = "frames.json", "frames-{:06d}.npz"
@@ -43,8 +43,7 @@ def write_frames(folder: Path, split: str, shards: list[FusionFrames]) -> Path:
 def write_archive(path: Path, frames: FusionFrames) -> None:
     """Write one archive; equal frames give equal bytes. Raises InputError for arrays of another kind, and OSError."""
     check_frames(frames, str(path))
-    arrays: dict[str, Any] = {each: getattr(frames, each) for each in ARRAYS}
-    write_arrays(path, {"places": np.array(frames.places, dtype=np.str_), **arrays})
+    write_arrays(path, {"places": np.array(frames.places, dtype=np.str_), **frames.get_arrays()})
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
@@ -107,12 +106,12 @@ def _read_shard(path: Path) -> FusionFrames:
         reason = " ".join(str(error).split())[:120]
         raise InputError(f"{path}: expected an archive of arrays, found a damaged one ({reason})") from None
     for name in ("places", *ARRAYS):
-        if name not in arrays:
+        if name not in arrays and name not in OPTIONAL:
             hint = "; frames need LiDAR scans" if name in ("cells", "scan") else ""
             raise InputError(f"{path}: expected an array {name}, found none{hint}")
     places = arrays["places"]
     if places.ndim != 1 or places.dtype.kind != "U":
         raise InputError(f"{path}: places: expected names, found {places.dtype.name} {places.shape}")
-    frames = FusionFrames(tuple(places.tolist()), **{name: arrays[name] for name in ARRAYS})
+    frames = FusionFrames(tuple(places.tolist()), **{name: arrays[name] for name in ARRAYS if name in arrays})
     check_frames(frames, str(path))
     return frames

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.agents.learned.fusion_spec import CLASSES, DELAYS_TICKS, GRID_REACH_M, MAX_CAVS
+from mdrive_sumo.agents.learned.fusion_spec import CLASSES, DELAYS_TICKS, FORECAST_S, GRID_REACH_M, MAX_CAVS
 from mdrive_sumo.agents.learned.point_grid import GRID_SIZE, Cells
 from mdrive_sumo.core.errors import InputError
 
@@ -30,6 +30,8 @@ class FrameArray:
 
 
 SLOTS = (MAX_CAVS, len(DELAYS_TICKS))
+MOTION_S = (-0.5, *FORECAST_S[1:])
+"""[s] After the tick of the frame: times of `box_motion`; the first one says how fast a box has been."""
 ARRAYS: Mapping[str, FrameArray] = MappingProxyType(
     {
         "cells": FrameArray("uint32", ("cells",)),
@@ -44,8 +46,11 @@ ARRAYS: Mapping[str, FrameArray] = MappingProxyType(
         "place": FrameArray("int32", ("frames",)),
         "episode": FrameArray("int32", ("frames",)),
         "tick": FrameArray("int32", ("frames",)),
+        "box_motion": FrameArray("float32", ("frames", MAX_BOXES, len(MOTION_S), 3)),
     }
 )
+OPTIONAL = ("box_motion",)
+"""Arrays that a data set may lack."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +86,10 @@ class FusionFrames:
     """(F,) number of the drive."""
     tick: npt.NDArray[np.int32]
     """(F,)"""
+    box_motion: npt.NDArray[np.float32] | None = None
+    """(F, MAX_BOXES, len(MOTION_S), 3) x, y [m], yaw [rad] of each box at MOTION_S after the tick, in the frame of `boxes`,
+    also outside of the grid; NaN where the road user is not in the world, after the end of the drive, and in unused
+    rows. None: no forecast can learn from these frames."""
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -90,6 +99,10 @@ class FusionFrames:
         """Return the cells of a scan."""
         return self.cells[self.scan_starts[number] : self.scan_starts[number + 1]]
 
+    def get_arrays(self) -> dict[str, Array]:
+        """Return the arrays that there are, by name."""
+        return {name: getattr(self, name) for name in ARRAYS if getattr(self, name) is not None}
+
     @property
     def is_target(self) -> npt.NDArray[np.bool_]:
         """(F, MAX_BOXES): whether any car has a point on the box. All detectors are measured on these."""
@@ -97,12 +110,16 @@ class FusionFrames:
 
 
 def concatenate_frames(parts: Sequence[FusionFrames]) -> FusionFrames:
-    """Return the frames of several data sets, one after the other; places of one name become one."""
+    """Return the frames of several data sets, one after the other; places of one name become one.
+
+    An array that one of them lacks is left out.
+    """
+    present = [name for name in ARRAYS if all(name in part.get_arrays() for part in parts)]
     places = tuple(dict.fromkeys(name for part in parts for name in part.places))
     first_scan = np.cumsum([0, *(len(part.scan_starts) - 1 for part in parts)])
     first_cell = np.cumsum([0, *(len(part.cells) for part in parts)])
     first_episode = np.cumsum([0, *(int(part.episode.max(initial=-1)) + 1 for part in parts)])
-    arrays: dict[str, list[Array]] = {name: [] for name in ARRAYS}
+    arrays: dict[str, list[Array]] = {name: [] for name in present}
     for i, part in enumerate(parts):
         number = np.array([places.index(name) for name in part.places], np.int32)
         changed: dict[str, Array] = {
@@ -111,15 +128,15 @@ def concatenate_frames(parts: Sequence[FusionFrames]) -> FusionFrames:
             "place": number[part.place],
             "episode": part.episode + np.int32(first_episode[i]),
         }
-        for name in ARRAYS:
+        for name in present:
             arrays[name].append(changed[name] if name in changed else getattr(part, name))
     return FusionFrames(places, **{name: np.concatenate(values) for name, values in arrays.items()})
 
 
 def take_frames(frames: FusionFrames, rows: npt.NDArray[np.integer]) -> FusionFrames:
     """Return some frames; all scans stay."""
-    by_frame = [name for name, array in ARRAYS.items() if array.shape[0] == "frames"]
-    return replace(frames, **{name: getattr(frames, name)[rows] for name in by_frame})
+    by_frame = {name: array for name, array in frames.get_arrays().items() if ARRAYS[name].shape[0] == "frames"}
+    return replace(frames, **{name: array[rows] for name, array in by_frame.items()})
 
 
 def check_frames(frames: FusionFrames, where: str) -> None:
@@ -129,8 +146,8 @@ def check_frames(frames: FusionFrames, where: str) -> None:
         "scans + 1": len(frames.scan_starts),
         "cells": len(frames.cells),
     }
-    for name, wanted in ARRAYS.items():
-        found = getattr(frames, name)
+    for name, found in frames.get_arrays().items():
+        wanted = ARRAYS[name]
         shape = tuple(sizes[size] if isinstance(size, str) else size for size in wanted.shape)
         if found.dtype.name != wanted.dtype or found.shape != shape:
             raise InputError(
@@ -172,6 +189,17 @@ def _find_box_problems(frames: FusionFrames) -> Iterator[tuple[str, str]]:
         yield "boxes", f"expected centres within {GRID_REACH_M} m and sides above 0, found others"
     if (frames.box_class >= len(CLASSES)).any():
         yield "box_class", f"expected classes below {len(CLASSES)}, found a larger one"
+    if frames.box_motion is not None and np.isinf(frames.box_motion).any():
+        yield "box_motion", "expected finite numbers, or NaN where a box is not in the world, found infinite ones"
+
+
+def check_motion(frames: FusionFrames, where: str) -> None:
+    """Raise InputError, beginning with `where`, unless the frames say where boxes go."""
+    if frames.box_motion is None:
+        raise InputError(
+            f"{where}: expected frames with an array box_motion, which says where road users go, found none in at least"
+            " one archive; collect them again with this version of mdrive-sumo"
+        )
 
 
 def check_places_differ(training: FusionFrames, judged: FusionFrames, split: str) -> None:

@@ -16,7 +16,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.clock import TICKS_PER_SECOND
 from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 from mdrive_sumo.core.seeding import derive_seed
-from mdrive_sumo.learning.fusion.frames import MAX_BOXES, FusionFrames
+from mdrive_sumo.learning.fusion.frames import MAX_BOXES, MOTION_S, FusionFrames
 from mdrive_sumo.perception.box_iou import suppress_overlaps
 
 SIZES_M = np.array(((4.5, 1.9, 1.5), (1.8, 0.7, 1.75), (0.6, 0.6, 1.75)))
@@ -63,12 +63,15 @@ def build_synthetic_frames(
     truth = np.full((count, MAX_BOXES, 5), np.nan, np.float32)
     box_class, box_id = np.full((count, MAX_BOXES), -1, np.int8), np.full((count, MAX_BOXES), -1, np.int32)
     box_points = np.zeros((count, MAX_BOXES, MAX_CAVS), np.uint16)
+    motion = np.full((count, MAX_BOXES, len(MOTION_S), 3), np.nan, np.float32)
     scans: list[Cells] = []
     for i in range(count):
         random = np.random.default_rng(derive_seed(seed, "fusion frame", split, str(i)))
         scene = _draw_scene(random, cavs, boxes, hidden_share)
         found = len(scene.boxes)
         truth[i, :found], box_class[i, :found], box_id[i, :found] = scene.boxes, scene.classes, np.arange(found)
+        for j, time_s in enumerate(MOTION_S):
+            motion[i, :found, j] = _move_back(scene.boxes, -time_s * scene.speeds[cavs:])[:, :3]
         for car in range(cavs):
             for j, delay in enumerate(DELAYS_TICKS if car else DELAYS_TICKS[:1]):
                 cells, points, where = _scan_scene(scene, car, delay / TICKS_PER_SECOND, random)
@@ -93,6 +96,7 @@ def build_synthetic_frames(
         place=numbers // PLACE_FRAMES % PLACES,
         episode=numbers // PLACE_FRAMES,
         tick=numbers % PLACE_FRAMES * TICKS_PER_SECOND,
+        box_motion=motion,
     )
 
 
@@ -132,7 +136,7 @@ def _scan_scene(
 
 
 def _move_back(boxes: Float, way_m: Float) -> Float:
-    """Return boxes (N, 5) so far behind where they are."""
+    """Return boxes (N, 5) so far (N,) behind where they are; below 0: ahead."""
     cos, sin = portable.cos_sin(boxes[:, 2])
     moved = boxes.copy()
     moved[:, 0] -= cos * way_m

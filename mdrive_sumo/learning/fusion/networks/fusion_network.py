@@ -5,8 +5,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from mdrive_sumo.agents.learned.fusion_spec import FUSIONS, check_detector
+from mdrive_sumo.agents.learned.fusion_spec import CODRIVING, SHARING, check_detector
 from mdrive_sumo.learning.fusion.networks.detection_head import DetectionHead, compute_scores
+from mdrive_sumo.learning.fusion.networks.forecast_head import ForecastHead
 from mdrive_sumo.learning.fusion.networks.fusions import FUSION_MODULES, FusionGate, split_cars
 from mdrive_sumo.learning.fusion.networks.point_encoder import PointEncoder
 from mdrive_sumo.learning.fusion.networks.warp import warp_maps
@@ -36,7 +37,7 @@ class FusionAnswer(NamedTuple):
 class FusionNetwork(nn.Module):
     """A detector. Raises InputError for a name that has no weights.
 
-    is_gated: whether a gate decides, for each cell, how much of the fusion is taken; only of FUSIONS.
+    is_gated: whether a gate decides, for each cell, how much of the fusion is taken; only of SHARING.
     """
 
     def __init__(self, detector: str, is_gated: bool = False) -> None:
@@ -44,9 +45,10 @@ class FusionNetwork(nn.Module):
         check_detector(detector)
         self.detector = detector
         self.encoder = PointEncoder()
-        self.fusion = FUSION_MODULES[detector]() if detector in FUSIONS else nn.Identity()
-        self.gate = FusionGate() if is_gated and detector in FUSIONS else None
+        self.fusion = FUSION_MODULES[detector]() if detector in SHARING else nn.Identity()
+        self.gate = FusionGate() if is_gated and detector in SHARING else None
         self.head = DetectionHead()
+        self.forecast = ForecastHead() if detector == CODRIVING else None
 
     def forward(self, features: Tensor, arrived: Tensor, pose: Tensor, age: Tensor) -> FusionAnswer:
         """Fuse maps of F frames with N cars each and detect; car 0 is the receiver, which has the pose 0, 0, 0.
@@ -55,7 +57,7 @@ class FusionNetwork(nn.Module):
         FEATURE_CELLS, FEATURE_CELLS) 1 where a cell arrived, else 0. pose: (F, N, 3) x, y [m], yaw [rad] of each car in
         the receiver's frame. age: (F, N) [s].
         """
-        if self.detector not in FUSIONS:
+        if self.detector not in SHARING:
             return self._detect(features[:, 0])
         maps = torch.cat((features, arrived[:, :, None].to(features.dtype)), dim=2)
         warped = split_cars(warp_maps(maps.flatten(0, 1), pose.flatten(0, 1)), features)

@@ -12,7 +12,7 @@ from types import MappingProxyType
 import torch
 from torch import Tensor, nn
 
-from mdrive_sumo.agents.learned.fusion_spec import FEATURE_CHANNELS
+from mdrive_sumo.agents.learned.fusion_spec import CODRIVING, FEATURE_CHANNELS
 
 FAR = -1e4
 """Added to a score of what did not arrive: its weight is 0 in single and in half precision."""
@@ -205,5 +205,6 @@ FUSION_MODULES: Mapping[str, Callable[[], nn.Module]] = MappingProxyType(
         "disconet": GraphFusion,
         "fcooper": MaxFusion,
         "cobevt": AxialFusion,
+        CODRIVING: AttentionFusion,
     }
 )

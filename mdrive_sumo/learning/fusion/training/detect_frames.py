@@ -5,10 +5,11 @@ import torch
 from torch import Tensor
 
 from mdrive_sumo.agents.learned.box_decoding import DetectedBoxes, decode_boxes, merge_boxes
-from mdrive_sumo.agents.learned.fusion_spec import FEATURE_CELLS, FUSIONS, MAX_CAVS
-from mdrive_sumo.learning.fusion.conditions import SharingCondition, choose_scans
+from mdrive_sumo.agents.learned.fusion_spec import FEATURE_CELLS, MAX_CAVS, SHARING
+from mdrive_sumo.learning.fusion.conditions import CONDITIONS, SharingCondition, choose_scans
 from mdrive_sumo.learning.fusion.frames import FusionFrames
 from mdrive_sumo.learning.fusion.networks.fusion_network import FusionAnswer, FusionNetwork
+from mdrive_sumo.learning.fusion.training.forecast_losses import build_occupancy_truth, draw_track_maps, know_tracks
 from mdrive_sumo.learning.fusion.training.frame_store import FrameStore, Sharing
 
 BATCH = 16
@@ -41,7 +42,7 @@ def answer_frames(network: FusionNetwork, store: FrameStore, sharing: Sharing) -
     """Return what a network in evaluation mode answers of what is shared; all tiles arrive."""
     if network.detector == "early":
         return answer_own(network, store.build_merged_grids(sharing))
-    if network.detector not in FUSIONS:
+    if network.detector not in SHARING:
         return answer_own(network, store.build_grids(sharing.scan[:, 0]))
     frame, car = torch.nonzero(sharing.scan >= 0, as_tuple=True)
     features, _ = network.encoder(store.build_grids(sharing.scan[frame, car]))
@@ -70,3 +71,24 @@ def _detect_late(network: FusionNetwork, store: FrameStore, sharing: Sharing) ->
     frames, poses = frame.cpu().numpy(), sharing.pose[frame, car].cpu().numpy()
     rows = [np.flatnonzero(frames == i) for i in range(len(sharing.scan))]
     return [merge_boxes([single[row] for row in each], poses[each]) for each in rows]
+
+
+def measure_forecast(network: FusionNetwork, frames: FusionFrames, store: FrameStore, batch: int = BATCH) -> float:
+    """Return the overlap of forecast and true occupancy, in [0, 1]: the mean over times of sums of the smaller of both
+    over sums of the larger. All tiles arrive, and tracks have no errors."""
+    assert network.forecast is not None, "of codriving only"
+    shared = choose_scans(frames, CONDITIONS[0])
+    both: list[Tensor] = []
+    for begin in range(0, len(frames), batch):
+        sharing = store.to_sharing(shared, slice(begin, begin + batch))
+        rows = torch.arange(begin, begin + len(sharing.scan), device=store.device)
+        truth, motion = store.take_boxes(rows, sharing.scan >= 0), store.take_motion(rows)
+        with torch.no_grad():
+            fused = answer_frames(network, store, sharing).fused
+            logits = network.forecast(fused, draw_track_maps(know_tracks(motion, truth.is_seen)))
+        wanted = build_occupancy_truth(motion, truth)
+        found = torch.sigmoid(logits.float()) * wanted.is_taught
+        overlap = [each(found, wanted.occupied).sum(dim=(0, 2, 3)) for each in (torch.minimum, torch.maximum)]
+        both.append(torch.stack(overlap))
+    smaller, larger = torch.stack(both).sum(dim=0)
+    return float((smaller / larger.clamp(min=1e-6)).mean())

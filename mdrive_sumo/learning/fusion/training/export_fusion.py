@@ -9,14 +9,17 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from mdrive_sumo.agents.learned.fusion_network import ENCODER_OUTPUTS, FUSION_OUTPUTS
+from mdrive_sumo.agents.learned.fusion_network import ENCODER_OUTPUTS, describe_fusion_outputs
 from mdrive_sumo.agents.learned.fusion_spec import (
+    CODRIVING,
     FEATURE_CELLS,
     FEATURE_CHANNELS,
-    FUSIONS,
+    FORECAST_S,
     GRID_CELLS,
     GRID_LAYERS,
     MAX_CAVS,
+    OUTPUT_CELLS,
+    SHARING,
     TILE_CELLS,
     TILE_ROWS,
 )
@@ -61,6 +64,22 @@ class _FusionAnswer(nn.Module):
     def forward(self, features: Tensor, arrived: Tensor, pose: Tensor, age: Tensor) -> tuple[Tensor, Tensor]:
         answer = self.network(features[None], arrived[None], pose[None], age[None])
         return answer.scores[0], answer.numbers[0]
+
+
+class _ForecastAnswer(nn.Module):
+    """Fusion, head and forecast of one frame."""
+
+    def __init__(self, network: FusionNetwork) -> None:
+        super().__init__()
+        assert network.forecast is not None, "of codriving only"
+        self.network, self.forecast = network, network.forecast
+
+    def forward(
+        self, features: Tensor, arrived: Tensor, pose: Tensor, age: Tensor, tracks: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        answer = self.network(features[None], arrived[None], pose[None], age[None])
+        occupancy = torch.sigmoid(self.forecast(answer.fused, tracks[None]))
+        return answer.scores[0], answer.numbers[0], occupancy[0]
 
 
 class _HeadAnswer(nn.Module):
@@ -108,12 +127,13 @@ def export_fusion(checkpoint: Checkpoint, folder: Path) -> ExportedDetector:
     halved = halve_weights(network)
     make_folder(folder)
     encoder, fusion = folder / f"{network.detector}-encoder.onnx", folder / f"{network.detector}.onnx"
-    is_fusion = network.detector in FUSIONS
-    wrap = _FusionAnswer if is_fusion else _HeadAnswer
-    grid, frames = _make_grid(), [_make_frame(cars, is_fusion) for cars in (CHECKED_CARS if is_fusion else (1,))]
+    is_fusion = network.detector in SHARING
+    wrap = _ForecastAnswer if network.forecast is not None else _FusionAnswer if is_fusion else _HeadAnswer
+    grid = _make_grid()
+    frames = [_make_frame(cars, network.detector) for cars in (CHECKED_CARS if is_fusion else (1,))]
     write_onnx(_EncoderAnswer(halved).eval(), grid, list(ENCODER_OUTPUTS), encoder)
-    any_length = {name: {0: "cars"} for name in frames[-1]} if is_fusion else None
-    write_onnx(wrap(halved).eval(), frames[-1], list(FUSION_OUTPUTS), fusion, any_length)
+    any_length = {name: {0: "cars"} for name in frames[-1] if name != "tracks"} if is_fusion else None
+    write_onnx(wrap(halved).eval(), frames[-1], list(describe_fusion_outputs(network.detector)), fusion, any_length)
     difference, rounding = (
         find_largest(
             (_compare(_EncoderAnswer(one), encoder, grid), *(_compare(wrap(one), fusion, frame) for frame in frames))
@@ -136,18 +156,22 @@ def _make_grid() -> dict[str, Tensor]:
     return {"grid": torch.log1p(counts * (torch.rand(shape, generator=random) < 0.1))}
 
 
-def _make_frame(cars: int, is_fusion: bool) -> dict[str, Tensor]:
+def _make_frame(cars: int, detector: str) -> dict[str, Tensor]:
     """Return made-up inputs of a fusion, in order; a fifth of the senders' tiles did not arrive."""
     random = torch.Generator().manual_seed(cars)
     features = torch.rand((cars, FEATURE_CHANNELS, FEATURE_CELLS, FEATURE_CELLS), generator=random)
-    if not is_fusion:
+    if detector not in SHARING:
         return {"features": features[0]}
     tiles = (torch.rand((cars, TILE_ROWS, TILE_ROWS), generator=random) < 0.8).float()
     arrived = tiles.repeat_interleave(TILE_CELLS, 1).repeat_interleave(TILE_CELLS, 2)
     pose = torch.randn((cars, 3), generator=random) * torch.tensor((20.0, 20.0, 1.0))
     arrived[0], pose[0] = 1.0, 0.0
     age = 0.1 * torch.arange(cars)
-    return {"features": features * arrived[:, None], "arrived": arrived, "pose": pose, "age": age}
+    frame = {"features": features * arrived[:, None], "arrived": arrived, "pose": pose, "age": age}
+    if detector == CODRIVING:
+        shape = len(FORECAST_S), OUTPUT_CELLS, OUTPUT_CELLS
+        frame["tracks"] = (torch.rand(shape, generator=random) < 0.02).float()
+    return frame
 
 
 def _compare(network: nn.Module, path: Path, inputs: Mapping[str, Tensor]) -> float:

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from mdrive_sumo.agents.learned.fusion_spec import (
     DELAYS_TICKS,
+    FORECAST_S,
     GRID_CELL_M,
     GRID_CELLS,
     GRID_LAYERS,
@@ -17,7 +18,7 @@ from mdrive_sumo.agents.learned.fusion_spec import (
 from mdrive_sumo.agents.learned.point_grid import GRID_SIZE
 from mdrive_sumo.core.clock import TICKS_PER_SECOND
 from mdrive_sumo.learning.fusion.conditions import SharedScans
-from mdrive_sumo.learning.fusion.frames import FusionFrames
+from mdrive_sumo.learning.fusion.frames import MOTION_S, FusionFrames
 
 LAYER_CELLS = GRID_CELLS * GRID_CELLS
 
@@ -48,6 +49,20 @@ class TrueBoxes:
     """(F, B): no scan has. Training neither rewards nor punishes what is found there."""
 
 
+@dataclass(frozen=True, slots=True)
+class BoxMotion:
+    """Where the boxes of F frames go, in the own frame."""
+
+    boxes: Tensor
+    """(F, B, len(FORECAST_S), 5) at FORECAST_S; the sides do not change. 0 where a box is not there."""
+    is_there: Tensor
+    """(F, B, len(FORECAST_S)): whether the road user is in the world then."""
+    velocity: Tensor
+    """(F, B, 2) [m/s] mean of the last half second; 0 where it is not known."""
+    is_moving: Tensor
+    """(F, B): whether the velocity is known."""
+
+
 class FrameStore:
     """The arrays of frames as tensors; scans stay sparse until a batch needs their grids."""
 
@@ -64,6 +79,7 @@ class FrameStore:
         self._boxes = torch.from_numpy(np.nan_to_num(frames.boxes)).to(device)
         self._classes = torch.from_numpy(frames.box_class).to(device, torch.int64)
         self._points = torch.from_numpy(frames.box_points.astype(np.int32)).to(device)
+        self._motion = None if frames.box_motion is None else torch.from_numpy(frames.box_motion).to(device)
 
     def share(self, rows: Tensor, delay: Tensor, is_estimated: Tensor) -> Sharing:
         """Return the scans of frames. delay: (F, N) index into DELAYS_TICKS. is_estimated: (F,) which pose is taken."""
@@ -86,6 +102,23 @@ class FrameStore:
         has_points = ((self._points[rows] > 0) & is_there[:, None]).any(dim=2)
         return TrueBoxes(
             self._boxes[rows], classes.clamp(min=0), (classes >= 0) & has_points, (classes >= 0) & ~has_points
+        )
+
+    def take_motion(self, rows: Tensor) -> BoxMotion:
+        """Return where the boxes of frames go. The frames need `box_motion`."""
+        assert self._motion is not None, "checked by check_motion"
+        now, motion, classes = self._boxes[rows], self._motion[rows], self._classes[rows]
+        poses = torch.cat((now[:, :, None, :3], motion[:, :, 1:]), dim=2)
+        is_there = torch.isfinite(poses).all(dim=-1) & (classes >= 0)[..., None]
+        sides = now[:, :, None, 3:].expand(-1, -1, len(FORECAST_S), -1)
+        before = motion[:, :, 0, :2]
+        velocity = (now[..., :2] - before) / -MOTION_S[0]
+        is_moving = torch.isfinite(before).all(dim=-1)
+        return BoxMotion(
+            torch.cat((torch.nan_to_num(poses), sides), dim=-1),
+            is_there,
+            torch.where(is_moving[..., None], velocity, 0.0),
+            is_moving,
         )
 
     def build_grids(self, scans: Tensor) -> Tensor:

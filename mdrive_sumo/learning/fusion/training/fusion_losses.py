@@ -14,7 +14,7 @@ from mdrive_sumo.learning.fusion.networks.fusion_network import FusionAnswer
 from mdrive_sumo.learning.fusion.training.frame_store import TrueBoxes
 
 LOSS_WEIGHTS: Mapping[str, float] = MappingProxyType(
-    {"centre": 1.0, "box": 1.0, "overlap": 1.0, "fit": 0.5, "confidence": 0.3, "teacher": 1.0}
+    {"centre": 1.0, "box": 1.0, "overlap": 1.0, "fit": 0.5, "confidence": 0.3, "teacher": 1.0, "occupancy": 0.5}
 )
 """All parts are means over boxes of about 0.3 to 3 after the first steps."""
 SPREAD_SHARE, LEAST_SPREAD = 0.25, 0.7

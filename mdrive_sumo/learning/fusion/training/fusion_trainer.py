@@ -6,9 +6,17 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from mdrive_sumo.agents.learned.fusion_spec import FEATURE_CELLS, FUSIONS, MAX_CAVS
+from mdrive_sumo.agents.learned.fusion_spec import CODRIVING, FEATURE_CELLS, MAX_CAVS, SHARING
 from mdrive_sumo.learning.fusion.networks.fusion_network import FusionAnswer, FusionNetwork
 from mdrive_sumo.learning.fusion.training.augment_sharing import DrawnFrames, draw_arrived, draw_sharing, quantise
+from mdrive_sumo.learning.fusion.training.forecast_losses import (
+    OccupancyTruth,
+    build_occupancy_truth,
+    compute_occupancy_loss,
+    draw_track_maps,
+    draw_tracks,
+    mirror_motion,
+)
 from mdrive_sumo.learning.fusion.training.frame_store import FrameStore, Sharing, TrueBoxes, mirror
 from mdrive_sumo.learning.fusion.training.fusion_losses import (
     compute_confidence_loss,
@@ -23,6 +31,9 @@ from mdrive_sumo.learning.training.training_options import TrainingOptions
 SETTLED_BATCHES = 5
 """Batches over which statistics of normalisation are measured anew: each has a million cells or more."""
 
+LONE_SHARE = 0.2
+"""Of the frames of `codriving` nothing arrives: it also drives where no other car sends."""
+
 
 class _Answered(NamedTuple):
     """What a network answers of a batch, and what it should: boxes are mirrored as the frames are."""
@@ -34,6 +45,8 @@ class _Answered(NamedTuple):
     """As the scans that the detector gets show them."""
     own: TrueBoxes
     """As the scans that the confidence is made of show them."""
+    forecast: tuple[Tensor, OccupancyTruth] | None
+    """Logits of occupancy and what they should be, of `codriving`."""
 
 
 class FusionTrainer(Trainer):
@@ -47,19 +60,21 @@ class FusionTrainer(Trainer):
         report: Callable[[str], object] = str,
         *,
         is_gated: bool = False,
+        is_alone: bool = False,
         teacher: FusionNetwork | None = None,
     ) -> None:
         """Build a detector with fresh weights. teacher: a trained `early`, which `disconet` needs and no other gets.
 
-        Raises InputError for a detector without weights.
+        is_alone: never show it what others send. Raises InputError for a detector without weights.
         """
         super().__init__(detector, options, device, report, lambda name: FusionNetwork(name, is_gated))
         self.teacher = None if teacher is None else teacher.to(device).eval().requires_grad_(False)
-        self.summary["is_gated"] = is_gated and detector in FUSIONS
+        self.is_alone = is_alone or detector == "none"
+        self.summary |= {"is_gated": is_gated and detector in SHARING, "is_alone": self.is_alone}
         self.uses_bfloat16 = device.type == "cuda"
         # Frames have any number of senders: each batch of a fusion has a shape of its own, and cuDNN would search the
         # fastest programs for each.
-        torch.backends.cudnn.benchmark = detector not in FUSIONS
+        torch.backends.cudnn.benchmark = detector not in SHARING
 
     def begin_with(self, checkpoint: Checkpoint) -> None:
         """Take encoder and head of the averaged weights of any detector's checkpoint. Raises InputError."""
@@ -101,6 +116,8 @@ class FusionTrainer(Trainer):
         answered = self._answer(self.network, data, drawn, rows, self.generator)
         parts = compute_detection_losses(answered.answer, answered.truth)
         parts["confidence"] = compute_confidence_loss(answered.confidence, answered.own)
+        if answered.forecast is not None:
+            parts["occupancy"] = compute_occupancy_loss(*answered.forecast)
         if self.teacher is not None:
             parts["teacher"] = compute_teacher_loss(answered.answer.fused, self._teach(data, rows, drawn))
         return sum_losses(parts)
@@ -108,16 +125,24 @@ class FusionTrainer(Trainer):
     def _answer(
         self, network: Any, data: FrameStore, drawn: DrawnFrames, rows: Tensor, generator: torch.Generator
     ) -> _Answered:
-        sharing = drawn.sharing if self.system != "none" else _keep_own(drawn.sharing)
+        sharing = drawn.sharing
+        if self.is_alone or self.system == CODRIVING:
+            share = 1.0 if self.is_alone else LONE_SHARE
+            sharing = _keep_own(sharing, torch.rand(len(rows), generator=generator, device=self.device) < share)
         truth = data.take_boxes(rows, sharing.scan >= 0)
         own = data.take_boxes(rows, (sharing.scan >= 0) & (torch.arange(MAX_CAVS, device=self.device) == 0))
         with self._autocast():
-            if self.system in FUSIONS:
+            if self.system in SHARING:
                 answer, confidence, boxes = self._answer_shared(network, data, sharing, drawn, truth, generator)
             else:
                 answer, confidence, boxes = self._answer_one_grid(network, data, sharing, drawn, truth)
-        seen = own if self.system in FUSIONS else truth
-        return _Answered(answer, confidence, _replace_boxes(truth, boxes), _replace_boxes(seen, boxes))
+            forecast = None
+            if self.system == CODRIVING:
+                motion = mirror_motion(data.take_motion(rows), drawn.is_mirrored)
+                tracks = draw_track_maps(draw_tracks(motion, truth.is_seen, generator))
+                forecast = network.forecast(answer.fused, tracks), build_occupancy_truth(motion, truth)
+        seen = own if self.system in SHARING else truth
+        return _Answered(answer, confidence, _replace_boxes(truth, boxes), _replace_boxes(seen, boxes), forecast)
 
     def _autocast(self) -> torch.autocast:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.uses_bfloat16)
@@ -176,11 +201,10 @@ class FusionTrainer(Trainer):
         return features, confidence, boxes
 
 
-def _keep_own(sharing: Sharing) -> Sharing:
-    """Return what is shared without any sender."""
-    scan = sharing.scan.clone()
-    scan[:, 1:] = -1
-    return Sharing(scan, sharing.pose, sharing.age_s)
+def _keep_own(sharing: Sharing, is_lone: Tensor) -> Sharing:
+    """Return what is shared, in the frames `is_lone` (F,) without any sender."""
+    is_sender = torch.arange(MAX_CAVS, device=is_lone.device) > 0
+    return Sharing(torch.where(is_lone[:, None] & is_sender, -1, sharing.scan), sharing.pose, sharing.age_s)
 
 
 def _replace_boxes(truth: TrueBoxes, boxes: Tensor) -> TrueBoxes:

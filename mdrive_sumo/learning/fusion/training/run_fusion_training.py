@@ -9,13 +9,13 @@ import numpy as np
 import torch
 from torch import nn
 
-from mdrive_sumo.agents.learned.fusion_spec import FUSIONS
+from mdrive_sumo.agents.learned.fusion_spec import CODRIVING, SHARING
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.fusion.average_precision import compute_precision
 from mdrive_sumo.learning.fusion.conditions import CONDITIONS, SharingCondition
-from mdrive_sumo.learning.fusion.frames import FusionFrames, check_places_differ, take_frames
+from mdrive_sumo.learning.fusion.frames import FusionFrames, check_motion, check_places_differ, take_frames
 from mdrive_sumo.learning.fusion.networks.fusion_network import FusionNetwork
-from mdrive_sumo.learning.fusion.training.detect_frames import detect_frames
+from mdrive_sumo.learning.fusion.training.detect_frames import detect_frames, measure_forecast
 from mdrive_sumo.learning.fusion.training.export_fusion import build_trained_network
 from mdrive_sumo.learning.fusion.training.frame_store import FrameStore
 from mdrive_sumo.learning.fusion.training.fusion_trainer import FusionTrainer
@@ -52,6 +52,8 @@ class FusionRun:
     data: FusionFrames
     validation: FusionFrames
     is_gated: bool = False
+    is_alone: bool = False
+    """Train without anything that others send."""
     is_resumed: bool = False
     """Go on from the checkpoint in `folder`, if there is one."""
     initial: Path | None = None
@@ -89,10 +91,15 @@ def run_fusion_training(run: FusionRun, report: Callable[[str], object]) -> Path
 
 def _run(run: FusionRun, report: Callable[[str], object]) -> Path:
     check_places_differ(run.data, run.validation, "validation")
+    if run.detector == CODRIVING:
+        check_motion(run.data, "training set")
+        check_motion(run.validation, "validation set")
     device = find_device(run.device)
     check_teacher(run.detector, run.teacher)
     teacher = None if run.teacher is None else build_trained_network(load_checkpoint(run.teacher, "early"))
-    trainer = FusionTrainer(run.detector, run.options, device, report, is_gated=run.is_gated, teacher=teacher)
+    trainer = FusionTrainer(
+        run.detector, run.options, device, report, is_gated=run.is_gated, is_alone=run.is_alone, teacher=teacher
+    )
     _prepare(trainer, run, report)
     trainer.summary |= {
         "frames": len(run.data),
@@ -132,7 +139,8 @@ def _check_resumed(path: Path, before: Mapping[str, Any], run: FusionRun) -> Non
     pairs = {
         "frames": (before.get("frames"), len(run.data)),
         "sources": (before.get("sources"), list(run.sources)),
-        "gate": (before.get("is_gated"), run.is_gated and run.detector in FUSIONS),
+        "gate": (before.get("is_gated"), run.is_gated and run.detector in SHARING),
+        "alone": (before.get("is_alone"), run.is_alone or run.detector == "none"),
         "seed": (options.get("seed"), run.options.seed),
         "batch": (options.get("batch"), run.options.batch),
     }
@@ -156,7 +164,10 @@ class _BestWeights:
         self._folder = folder
 
     def look(self, network: nn.Module) -> Mapping[str, float]:
-        """Return average precisions by condition, for the curves; write BEST_NAME if their mean is the highest."""
+        """Return average precisions by condition, and the overlap of a forecast, for the curves.
+
+        Write BEST_NAME if their mean is the highest.
+        """
         assert isinstance(network, FusionNetwork)
         self._trainer.settle(network, self._data)
         precision = {
@@ -164,6 +175,8 @@ class _BestWeights:
             for condition in CONDITIONS
             if condition.name in JUDGED_BY
         }
+        if network.forecast is not None:
+            precision["validation/occupancy"] = measure_forecast(network, self._frames, self._store)
         mean = float(np.mean(list(precision.values())))
         best = self._trainer.summary.get("best")
         if best is None or mean > best["precision"]:
