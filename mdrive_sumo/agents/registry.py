@@ -45,9 +45,13 @@ _DETECTORS = {
     "perception-swap:late": "learned.detector_agent:LateSharingAgent",
     "perception-swap:early": "learned.detector_agent:EarlySharingAgent",
     "perception-swap:none": "learned.detector_agent:LoneDetectorAgent",
+    "codriving": "learned.codriving:CoDrivingAgent",
+    "codriving:fast": "learned.codriving:FastCoDrivingAgent",
+    "codriving:alone": "learned.codriving:LoneCoDrivingAgent",
+    "codriving:fast-alone": "learned.codriving:FastLoneCoDrivingAgent",
 }
 DETECTOR_AGENTS = AgentTable(_DETECTORS)
-"""The paper's rule-based planner behind trained detectors."""
+"""Agents that see through trained detectors: the paper's rule-based planner, and the counterpart of CoDriving."""
 _HUMAN = {"human": "human:HumanAgent", "human-replay": "human:HumanReplayAgent"}
 HUMAN_AGENTS = AgentTable(_HUMAN)
 """The cars of people: `loop.human_driver` gives them controls. They drive nothing by themselves."""

@@ -12,7 +12,7 @@ import numpy as np
 from mdrive_sumo.agents.learned.ego_frame import convert_to_frame
 from mdrive_sumo.agents.learned.fusion_spec import FORECAST_S, GRID_REACH_M
 from mdrive_sumo.agents.learned.occupancy_grid import OccupancyForecast
-from mdrive_sumo.contract import Briefing, Cause, Note, Objects, Observation, Plan, Reason, ReasonLog
+from mdrive_sumo.contract import Briefing, Cause, Note, Objects, Observation, OwnState, Plan, Reason, ReasonLog
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT
@@ -26,7 +26,7 @@ from mdrive_sumo.planning.reference_path import (
     interpolate_points,
     limit_to_braking,
 )
-from mdrive_sumo.planning.stop_lines import StopLines, StopPoint, build_stop_lines
+from mdrive_sumo.planning.stop_lines import StopPoint, build_stop_lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,14 +144,31 @@ class AnchorPlanner:
         """Decide by a new forecast in the next call of `plan`."""
         self._forecast, self._decided_tick = forecast, None
 
+    def list_way_ahead(self, own: OwnState, time_s: float, least_m: float, step_m: float) -> Float:
+        """Return points (K, 2) [m] of the path every `step_m`, over the way that the car drives in a time [s].
+
+        least_m: [m] it is no shorter.
+        """
+        path = self._prepare(own)
+        reach_m = max(self._speed_at(self.s) * time_s, least_m)
+        return path.get_points(self.s + np.arange(0.0, reach_m + step_m, step_m))
+
+    def _speed_at(self, station: float) -> float:
+        return float(self._limits[min(int(station / SPACING_M), len(self._limits) - 1)])
+
+    def _prepare(self, own: OwnState) -> ReferencePath:
+        """Return the path, and find the car on it; the first path begins as the car stands."""
+        if self._path is None:
+            self.replace_path(build_path(self._briefing.route_xy, self._briefing.vehicle.rear_to_centre, own.yaw))
+        self.s = self.path.project(own.x, own.y, self.s)
+        return self.path
+
     def plan(self, seen: Observation, objects: Objects) -> tuple[Plan, tuple[Note, ...]]:
         """Return the plan of this tick, and notes of why.
 
         objects: those that are tracked, at the tick of the observation in the world frame.
         """
-        if self._path is None:
-            self.replace_path(build_path(self._briefing.route_xy, self._briefing.vehicle.rear_to_centre, seen.own.yaw))
-        self.s = self.path.project(seen.own.x, seen.own.y, self.s)
+        self._prepare(seen.own)
         notes: tuple[Note, ...] = ()
         if self._decided_tick is None:
             notes = self._reasons.record(self._decide(seen, objects))
@@ -186,7 +203,7 @@ class AnchorPlanner:
         """Return the risk (K,) of paces in [0, 1]: the largest of all times."""
         if self._forecast is None:
             return np.zeros(len(paces.first))
-        check_s = ANCHORS.check_s * np.arange(1, round(HORIZON_S / ANCHORS.check_s) + 1)
+        check_s = ANCHORS.check_s * np.arange(1, round(HORIZON_S / ANCHORS.check_s) + 1, dtype=np.float64)
         rows = np.rint(check_s / ANCHORS.step_s).astype(np.int64)
         points = self._build_footprints(paces.stations[:, rows])
         found = self._forecast.look_up(points, check_s, tick)

@@ -4,14 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import ClassVar
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.box_decoding import MAX_IOU, DetectedBoxes
 from mdrive_sumo.agents.learned.detection_tracker import TRACK_ERRORS, DetectionTracker
 from mdrive_sumo.agents.learned.feature_inbox import FeatureInbox, ReceivedMap
-from mdrive_sumo.agents.learned.fusion_network import EncodedScan, FusionDetector, load_detector
+from mdrive_sumo.agents.learned.fusion_network import EncodedScan, load_detector
 from mdrive_sumo.agents.learned.fusion_spec import (
     FEATURE_CELLS,
     GRID_REACH_M,
@@ -39,6 +40,7 @@ from mdrive_sumo.contract import (
     Objects,
     Observation,
     OwnState,
+    Plan,
     PointCloud,
     Reply,
     SensorSpec,
@@ -62,7 +64,7 @@ PROVIDERS = Choice("auto", ("auto", "cpu"))
 
 
 @dataclass(frozen=True, slots=True)
-class _Scan:
+class Scan:
     """A scan that waits to be fused."""
 
     tick: int
@@ -71,6 +73,19 @@ class _Scan:
     cells: Cells
     encoded: EncodedScan | None
     """None if the network is to see the cells of all cars."""
+
+    def build_pose(self) -> ReferencePose:
+        """Return the pose of messages about it."""
+        own = self.own
+        return ReferencePose(own.x, own.y, own.yaw, self.tick, own.position_sigma, own.yaw_sigma)
+
+
+class Planner(Protocol):
+    """Drives by the objects that a car knows."""
+
+    def plan(self, seen: Observation, objects: Objects) -> tuple[Plan, tuple[Note, ...]]:
+        """Return the plan of this tick, and notes of why; objects are in the world frame at its time."""
+        ...
 
 
 class DetectorAgent:
@@ -82,15 +97,16 @@ class DetectorAgent:
     """
 
     label = "sharing"
+    family: ClassVar[str] = "perception-swap:"
     detector: ClassVar[str]
-    """What follows `perception-swap:` in its name."""
+    """What follows `family` in its name."""
     weights: ClassVar[str]
     """Key in `fusion_spec.TRAINED`."""
     options: ClassVar[Mapping[str, Option]] = MappingProxyType({"score": OPTIONS["score"]})
 
     def __init__(self, config: Config) -> None:
         """Read the options and load the networks. Raises InputError."""
-        name = f"perception-swap:{self.detector}"
+        name = self.family + self.detector
         self._numbers = read_options(name, config, self.options, {"provider": PROVIDERS, "weights": Choice("", ())})
         use_gpu = read_choice(name, config, "provider", PROVIDERS) == "auto"
         folder = _read_weights_folder(name, config, self.weights)
@@ -105,11 +121,14 @@ class DetectorAgent:
         """Prepare receiving, tracking and planning; nothing is left of an earlier episode."""
         self._briefing = briefing
         self._tracker = DetectionTracker()
-        self._planner = HazardRulePlanner(briefing)
-        self._waiting: _Scan | None = None
+        self._planner = self._build_planner(briefing)
+        self._waiting: Scan | None = None
+
+    def _build_planner(self, briefing: Briefing) -> Planner:
+        return HazardRulePlanner(briefing)
 
     def act(self, seen: Observation) -> Reply:
-        """Return a plan that drives along the route at full speed, or stands, and what is shared of a new scan."""
+        """Return the plan of this tick, and what is shared of a new scan."""
         notes = self._receive(seen.messages)
         has_looked = self._waiting is not None and seen.tick >= self._waiting.tick + WAIT_TICKS
         if self._waiting is not None and has_looked:
@@ -126,7 +145,7 @@ class DetectorAgent:
         detections = Detections.from_objects(objects) if has_looked else None
         return Reply(plan=plan, messages=messages, notes=notes + reasons, detections=detections)
 
-    def _detect(self, scan: _Scan) -> None:
+    def _detect(self, scan: Scan) -> None:
         found = self._look(scan)
         size = self._briefing.vehicle.length, self._briefing.vehicle.width
         # Others see the own car, too: bodies do not overlap, so what overlaps it is the car itself.
@@ -136,11 +155,11 @@ class DetectorAgent:
             scan.tick, scan.own, DetectedBoxes(found.boxes[kept], found.classes[kept], found.scores[kept])
         )
 
-    def _encode(self, tick: int, own: OwnState, cloud: PointCloud) -> _Scan:
+    def _encode(self, tick: int, own: OwnState, cloud: PointCloud) -> Scan:
         cells = build_point_cells(cloud.points)
-        return _Scan(tick, own, cells, self._network.encode(cells))
+        return Scan(tick, own, cells, self._network.encode(cells))
 
-    def _look(self, scan: _Scan) -> DetectedBoxes:
+    def _look(self, scan: Scan) -> DetectedBoxes:
         """Return what the network finds in a scan and in what has arrived by now."""
         assert scan.encoded is not None
         return self._network.detect(scan.encoded.features[None])
@@ -149,7 +168,7 @@ class DetectorAgent:
         """Store what others share; return notes about what cannot be used."""
         return ()
 
-    def _share(self, scan: _Scan) -> tuple[Message, ...]:  # noqa: ARG002
+    def _share(self, scan: Scan) -> tuple[Message, ...]:  # noqa: ARG002
         """Return the messages about a new scan."""
         return ()
 
@@ -223,14 +242,14 @@ class FeatureSharingAgent(AnnouncingDetectorAgent):
     def _receive(self, messages: tuple[Message, ...]) -> tuple[Note, ...]:
         return self._inbox.receive(messages)
 
-    def _share(self, scan: _Scan) -> tuple[Message, ...]:
+    def _share(self, scan: Scan) -> tuple[Message, ...]:
         assert scan.encoded is not None
         budget = self._numbers["budget"]
-        return encode_features(scan.encoded, _build_pose(scan), self._grid, budget, LEAST_CONFIDENCE)
+        return encode_features(scan.encoded, scan.build_pose(), self._grid, budget, LEAST_CONFIDENCE)
 
-    def _look(self, scan: _Scan) -> DetectedBoxes:
+    def _look(self, scan: Scan) -> DetectedBoxes:
         assert scan.encoded is not None
-        return fuse_maps(self._network, scan.encoded, self._inbox.collect(scan.tick, scan.own))
+        return self._network.detect(*stack_maps(scan.encoded, self._inbox.collect(scan.tick, scan.own)))
 
 
 class EarlySharingAgent(AnnouncingDetectorAgent):
@@ -249,32 +268,36 @@ class EarlySharingAgent(AnnouncingDetectorAgent):
     def _receive(self, messages: tuple[Message, ...]) -> tuple[Note, ...]:
         return self._inbox.receive(messages)
 
-    def _encode(self, tick: int, own: OwnState, cloud: PointCloud) -> _Scan:
-        return _Scan(tick, own, build_point_cells(cloud.points), None)
+    def _encode(self, tick: int, own: OwnState, cloud: PointCloud) -> Scan:
+        return Scan(tick, own, build_point_cells(cloud.points), None)
 
-    def _share(self, scan: _Scan) -> tuple[Message, ...]:
-        return encode_points(scan.cells, _build_pose(scan))
+    def _share(self, scan: Scan) -> tuple[Message, ...]:
+        return encode_points(scan.cells, scan.build_pose())
 
-    def _look(self, scan: _Scan) -> DetectedBoxes:
+    def _look(self, scan: Scan) -> DetectedBoxes:
         received = self._inbox.collect(scan.tick, scan.own)
         poses = np.array([(0.0, 0.0, 0.0), *(one.pose for one in received)])
         merged = merge_cells([scan.cells, *(read_points(one.map) for one in received)], poses)
         return self._network.detect(self._network.encode(merged).features[None])
 
 
-def fuse_maps(network: FusionDetector, own: EncodedScan, received: list[ReceivedMap]) -> DetectedBoxes:
-    """Return what a fusion finds in the own map and those of others, in the own frame."""
+class FusedMaps(NamedTuple):
+    """The own map and those of others, as a fusion takes them; see `FusionDetector.detect`."""
+
+    features: npt.NDArray[np.float32]
+    arrived: npt.NDArray[np.float32]
+    pose: npt.NDArray[np.float32]
+    age: npt.NDArray[np.float32]
+
+
+def stack_maps(own: EncodedScan, received: list[ReceivedMap]) -> FusedMaps:
+    """Return the own map and those of others; the own one comes first."""
     cells = (FEATURE_CELLS, FEATURE_CELLS)
     features = np.stack([own.features, *(limit_features(one.map.features) for one in received)])
     arrived = np.stack([np.ones(cells, np.float32), *(one.map.arrived.astype(np.float32) for one in received)])
     pose = np.stack([np.zeros(3, np.float32), *(one.pose for one in received)])
     age = np.array([0.0, *(one.age_s for one in received)], dtype=np.float32)
-    return network.detect(features, arrived, pose, age)
-
-
-def _build_pose(scan: _Scan) -> ReferencePose:
-    own = scan.own
-    return ReferencePose(own.x, own.y, own.yaw, scan.tick, own.position_sigma, own.yaw_sigma)
+    return FusedMaps(features, arrived, pose, age)
 
 
 def _read_weights_folder(agent: str, config: Config, weights: str) -> Path | None:

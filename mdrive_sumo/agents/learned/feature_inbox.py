@@ -36,9 +36,16 @@ class ReceivedMap:
 class FeatureInbox:
     """Packets of one car's senders, by map, until they are too old."""
 
-    def __init__(self, grid: FeatureGrid, limits: FusionLimits) -> None:
-        """grid: of the maps that the own detector can read. limits: the senders whose maps are used."""
-        self._grid, self._limits = grid, limits
+    def __init__(
+        self,
+        grid: FeatureGrid,
+        limits: FusionLimits,
+        others: tuple[FeatureGrid, ...] = (),
+        max_age_ticks: int = MAX_AGE_TICKS,
+    ) -> None:
+        """grid: of the maps that are read here. limits: the senders whose maps are used. others: grids that are read
+        elsewhere. max_age_ticks: older maps are dropped."""
+        self._grid, self._limits, self._others, self._max_age_ticks = grid, limits, others, max_age_ticks
         self._packets: dict[str, dict[ReferencePose, list[Feature]]] = {}
         """Packets by sender and by the pose that all packets of a map have."""
         self._refused: set[str] = set()
@@ -59,7 +66,7 @@ class FeatureInbox:
             if content.grid == self._grid:
                 packets = self._packets.setdefault(message.sender, {}).setdefault(content.pose, [])
                 packets[MAX_MAP_PACKETS - 1 :] = [content]
-            elif message.sender not in self._refused:
+            elif content.grid not in self._others and message.sender not in self._refused:
                 self._refused.add(message.sender)
                 notes.append(Note("unreadable", f"{message.type} from {message.sender}: {self._describe(content)}"))
         return tuple(notes)
@@ -75,9 +82,9 @@ class FeatureInbox:
     def collect(self, tick: int, own: OwnState) -> list[ReceivedMap]:
         """Return the newest map of each sender in use for the own scan of a tick and pose, the nearest sender first.
 
-        Maps newer than the own scan wait for the next one, and those more than `MAX_AGE_TICKS` older are forgotten.
+        Maps newer than the own scan wait for the next one, and those more than `max_age_ticks` older are forgotten.
         """
-        self._forget_before(tick - MAX_AGE_TICKS)
+        self._forget_before(tick - self._max_age_ticks)
         newest = {
             sender: max(poses, key=lambda pose: (pose.tick, len(maps[pose])))
             for sender, maps in self._packets.items()
