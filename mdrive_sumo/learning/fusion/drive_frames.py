@@ -21,7 +21,7 @@ from mdrive_sumo.core.seeding import draw_first_uniform
 from mdrive_sumo.core.state import TICKS_PER_SECOND, RoadUsers
 from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
 from mdrive_sumo.learning.drive_episode import CollectedDrive
-from mdrive_sumo.learning.fusion.frames import ARRAYS, MAX_BOXES, FusionFrames
+from mdrive_sumo.learning.fusion.frames import ARRAYS, MAX_BOXES, MOTION_S, FusionFrames
 from mdrive_sumo.learning.scene_labels import to_ego_poses
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sensing.camera.road_user_models import RoadUserModel, choose_models
@@ -257,13 +257,26 @@ def _assemble(drive: CollectedDrive, views: Sequence[View], scans: Mapping[_Key,
             (to_ego_poses(poses[view.tick, columns], own_pose), episode.length[columns], episode.width[columns])
         )
         points = np.stack([scans[view.tick, car].box_points for car in view.cars], axis=-1)
-        _fill_boxes(frames, i, _Boxes(columns, boxes, classes[columns], points[columns]))
+        motion = _follow_boxes(episode, poses, view.tick, columns, own_pose)
+        _fill_boxes(frames, i, _Boxes(columns, boxes, classes[columns], points[columns], motion))
     cells = [scan.cells for scan in scans.values()]
     return replace(
         frames,
         cells=np.concatenate([np.zeros(0, np.uint32), *cells]),
         scan_starts=np.cumsum([0, *map(len, cells)], dtype=np.int64),
     )
+
+
+def _follow_boxes(episode: EpisodeRecord, poses: Float, tick: int, columns: Int, own_pose: Float) -> Float:
+    """Return the poses (M, len(MOTION_S), 3) of road users (M,) at MOTION_S after a tick, in the frame of a pose.
+
+    poses: (ticks, road users, 3) in the world. NaN: not in the world, or not in the time of the drive.
+    """
+    ticks = tick + np.rint(TICKS_PER_SECOND * np.array(MOTION_S)).astype(np.int64)
+    is_driven = (ticks >= 0) & (ticks < episode.ticks)
+    ticks = np.where(is_driven, ticks, 0)
+    is_there = is_driven & episode.valid[ticks][:, columns].T
+    return np.where(is_there[..., None], to_ego_poses(poses[ticks][:, columns].swapaxes(0, 1), own_pose), np.nan)
 
 
 def _choose_classes(episode: EpisodeRecord) -> npt.NDArray[np.int8]:
@@ -277,7 +290,7 @@ def _choose_classes(episode: EpisodeRecord) -> npt.NDArray[np.int8]:
 def _build_empty(count: int, place: str) -> FusionFrames:
     """Return frames without scans and boxes."""
     fill: dict[str, float] = {"scan": -1, "true_pose": np.nan, "estimated_pose": np.nan, "boxes": np.nan}
-    fill |= {"box_class": -1, "box_id": -1}
+    fill |= {"box_class": -1, "box_id": -1, "box_motion": np.nan}
     sizes = {"frames": count, "scans + 1": 1, "cells": 0}
     arrays: dict[str, Any] = {}
     for name, one in ARRAYS.items():
@@ -296,6 +309,8 @@ class _Boxes:
     classes: npt.NDArray[np.int8]
     points: Int
     """(M, cars)"""
+    motion: Float
+    """(M, len(MOTION_S), 3) in the car's frame."""
 
 
 def _fill_boxes(frames: FusionFrames, i: int, found: _Boxes) -> None:
@@ -308,3 +323,5 @@ def _fill_boxes(frames: FusionFrames, i: int, found: _Boxes) -> None:
     frames.box_class[i, :count] = found.classes[order]
     frames.box_id[i, :count] = found.columns[order]
     frames.box_points[i, :count, : found.points.shape[1]] = found.points[order]
+    assert frames.box_motion is not None
+    frames.box_motion[i, :count] = found.motion[order]

@@ -87,9 +87,9 @@ class FusionFrames:
     tick: npt.NDArray[np.int32]
     """(F,)"""
     box_motion: npt.NDArray[np.float32] | None = None
-    """(F, MAX_BOXES, len(MOTION_S), 3) x, y [m], yaw [rad] of each box at MOTION_S after the tick, in the frame of `boxes`,
-    also outside of the grid; NaN where the road user is not in the world, after the end of the drive, and in unused
-    rows. None: no forecast can learn from these frames."""
+    """(F, MAX_BOXES, len(MOTION_S), 3) x, y [m], yaw [rad] of each box at MOTION_S after the tick, in the
+    frame of `boxes`, also outside of the grid; NaN where the road user is not in the world, after the end of the drive,
+    and in unused rows. None: no forecast can learn from these frames."""
 
     def __len__(self) -> int:
         """Return the number of frames."""

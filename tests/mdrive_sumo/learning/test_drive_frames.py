@@ -22,7 +22,7 @@ from mdrive_sumo.learning.fusion.drive_frames import (
     build_drive_frames,
     choose_views,
 )
-from mdrive_sumo.learning.fusion.frames import check_frames
+from mdrive_sumo.learning.fusion.frames import MOTION_S, check_frames
 from mdrive_sumo.sensing.camera.road_user_models import RoadUserModel
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
@@ -55,6 +55,27 @@ def place_points(points: Float, pose: Float) -> Float:
     """Return points (N, 2) of a frame where that frame's pose lies, by complex numbers."""
     turned = (points[:, 0] + 1j * points[:, 1]) * np.exp(1j * pose[2]) + complex(pose[0], pose[1])
     return np.column_stack((turned.real, turned.imag))
+
+
+def test_boxes_move_as_the_road_users_do_until_they_or_the_drive_end(drive: CollectedDrive, made: DriveFrames) -> None:
+    episode, frames = drive.episode, made.frames
+    assert frames.box_motion is not None
+    there = 0
+    for i in range(len(frames)):
+        own = find_views(drive)[i].cars[0]
+        pose = [float(each[frames.tick[i], own]) for each in (episode.x, episode.y, episode.yaw)]
+        for row in np.flatnonzero(frames.box_class[i] >= 0):
+            column = frames.box_id[i, row]
+            for j, seconds in enumerate(MOTION_S):
+                tick, found = int(frames.tick[i] + round(20 * seconds)), frames.box_motion[i, row, j].astype(float)
+                if not 0 <= tick < episode.ticks or not episode.valid[tick, column]:
+                    assert np.isnan(found).all()
+                    continue
+                there += 1
+                placed = place_points(found[None, :2], np.array(pose))
+                assert np.allclose(placed, (episode.x[tick, column], episode.y[tick, column]), atol=1e-3)
+                assert np.cos(found[2] + pose[2] - episode.yaw[tick, column]) > 1 - 1e-9
+    assert there > 50 and np.isnan(frames.box_motion[frames.box_class < 0]).all()
 
 
 def find_views(drive: CollectedDrive) -> list[drive_frames.View]:

@@ -20,6 +20,7 @@ from mdrive_sumo.learning.fusion.frames import (
     ARRAYS,
     FusionFrames,
     check_frames,
+    check_motion,
     check_places_differ,
     concatenate_frames,
     take_frames,
@@ -126,6 +127,7 @@ def change(frames: FusionFrames, name: str, index: Any, value: Any) -> FusionFra
         ("boxes", (0, 0, 3), np.nan, "boxes: expected finite numbers in used rows"),
         ("box_class", (0, 0), 3, "box_class: expected classes below 3, found a larger one"),
         ("place", 0, 12, "place: expected numbers of the 12 places, found others"),
+        ("box_motion", (0, 0, 0, 0), np.inf, "box_motion: expected finite numbers, or NaN where a box is not in"),
     ],
 )  # fmt: skip
 def test_wrong_arrays_are_one_sentence(frames: FusionFrames, name: str, index: Any, value: Any, sentence: str) -> None:
@@ -213,3 +215,26 @@ def test_the_grid_of_features_covers_the_point_grid() -> None:
     assert pytest.approx(GRID_CELLS * spec.GRID_CELL_M) == spec.FEATURE_CELLS * spec.FEATURE_CELL_M
     assert pytest.approx(2 * spec.GRID_REACH_M) == spec.OUTPUT_CELLS * spec.OUTPUT_CELL_M
     assert spec.TILE_ROWS * spec.TILE_CELLS == spec.FEATURE_CELLS
+
+
+def test_frames_without_motion_are_read_and_teach_no_forecast(frames: FusionFrames, tmp_path: Path) -> None:
+    assert frames.box_motion is not None
+    still = replace(frames, box_motion=None)
+    write_frames(tmp_path, "train", [frames, still])
+    both = read_frames(tmp_path)
+    assert len(both) == 12 and both.box_motion is None
+    with pytest.raises(InputError, match="training set: expected frames with an array box_motion, .*, found none in"):
+        check_motion(both, "training set")
+    write_frames(tmp_path, "train", [frames])
+    again = read_frames(tmp_path)
+    assert np.array_equal(again.box_motion, frames.box_motion, equal_nan=True)  # pyright: ignore[reportArgumentType]
+    check_motion(again, "training set")
+    assert take_frames(still, np.array([1])).box_motion is None
+
+
+def test_boxes_of_made_up_frames_drive_straight_on(frames: FusionFrames) -> None:
+    assert frames.box_motion is not None
+    used = frames.box_class >= 0
+    before, boxes, after = frames.box_motion[used][:, 0], frames.boxes[used], frames.box_motion[used][:, 2]
+    assert np.allclose(boxes[:, :2] - before[:, :2], (after - boxes[:, :3])[:, :2] / 2, atol=1e-4)
+    assert np.abs(after[:, 0] - boxes[:, 0]).max() > 3.0 and np.isnan(frames.box_motion[~used]).all()
