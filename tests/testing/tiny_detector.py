@@ -8,14 +8,16 @@ import numpy as np
 from mdrive_sumo.agents.learned.fusion_spec import (
     BOX_NUMBERS,
     CLASSES,
+    CODRIVING,
     FEATURE_CELL_M,
     FEATURE_CELLS,
     FEATURE_CHANNELS,
-    FUSIONS,
+    FORECAST_S,
     GRID_CELLS,
     GRID_LAYERS,
     GRID_REACH_M,
     OUTPUT_CELLS,
+    SHARING,
 )
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
 from testing.onnx_writer import Array, Node, write_model
@@ -63,9 +65,12 @@ def write_encoder(seed: int = 0, layers: slice = CAR_LAYERS) -> bytes:
 
 
 def write_fusion(name: str, uses_own: bool = True) -> bytes:
-    """The largest feature 0 of all cars, moved by their poses. uses_own: False: what the own car sees is not used."""
+    """The largest feature 0 of all cars, moved by their poses. uses_own: False: what the own car sees is not used.
+
+    `codriving` forecasts that what it sees stays where it is, and that tracks go on.
+    """
     head, constants = _make_head()
-    if name not in FUSIONS:
+    if name not in SHARING:
         nodes = [Node("ReduceMax", ("features",), "map", (("axes", (0,)), ("keepdims", 0))), *head]
         inputs = [Array("features", (FEATURE_CHANNELS, *CELLS))]
         return write_model(nodes, constants, inputs, _describe_outputs())
@@ -111,7 +116,13 @@ def write_fusion(name: str, uses_own: bool = True) -> bytes:
         Array("pose", ("cars", 3)),
         Array("age", ("cars",)),
     ]
-    return write_model(nodes, constants, inputs, _describe_outputs(), GRID_SAMPLE_OPSET)
+    outputs = _describe_outputs()
+    if name == CODRIVING:
+        forecast = (len(FORECAST_S), OUTPUT_CELLS, OUTPUT_CELLS)
+        nodes.append(Node("Max", ("map_fine", "tracks"), "occupancy"))
+        inputs.append(Array("tracks", forecast))
+        outputs.append(Array("occupancy", forecast))
+    return write_model(nodes, constants, inputs, outputs, GRID_SAMPLE_OPSET)
 
 
 def _describe_outputs() -> list[Array]:

@@ -223,7 +223,7 @@ def test_frames_without_motion_are_read_and_teach_no_forecast(frames: FusionFram
     write_frames(tmp_path, "train", [frames, still])
     both = read_frames(tmp_path)
     assert len(both) == 12 and both.box_motion is None
-    with pytest.raises(InputError, match="training set: expected frames with an array box_motion, .*, found none in"):
+    with pytest.raises(InputError, match=r"training set: expected frames with an array box_motion, .*, found none in"):
         check_motion(both, "training set")
     write_frames(tmp_path, "train", [frames])
     again = read_frames(tmp_path)

@@ -41,7 +41,7 @@ from mdrive_sumo.v2x.messages import CAM, CPM, FEATURE, Feature, ReferencePose, 
 from mdrive_sumo.vehicle.control import CONTROLLERS
 
 PREFIX = "perception-swap:"
-NAMES = tuple(name.removeprefix(PREFIX) for name in DETECTOR_AGENTS)
+NAMES = tuple(name.removeprefix(PREFIX) for name in DETECTOR_AGENTS if name.startswith(PREFIX))
 SHARING = tuple(name for name in NAMES if name != "none")
 WEIGHTS = {name: "none" if name == "late" else name for name in NAMES}
 ROADS = town(((8.0, -8.0), (40.0, -8.0), (40.0, -6.0), (8.0, -6.0)))
