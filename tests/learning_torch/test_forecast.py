@@ -144,13 +144,13 @@ def test_a_forecast_learns_what_its_tracks_do_not_tell(store: FrameStore) -> Non
     head = ForecastHead().train()
     optimizer = torch.optim.AdamW(head.parameters(), lr=1e-2)
     losses: list[float] = []
-    for _ in range(15):
+    for _ in range(8):
         loss = compute_occupancy_loss(head(maps, nothing), wanted)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
         losses.append(float(loss.detach()))
-    assert losses[-1] < 0.7 * losses[0]
+    assert losses[-1] < 0.8 * losses[0]
 
 
 def test_a_run_keeps_the_best_weights_with_their_forecast(
