@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mdrive_sumo.agents.learned.fusion_spec import BOUNDS, FUSIONS, TRAINED
+from mdrive_sumo.agents.learned.fusion_spec import BOUNDS, FUSIONS, SHARING, TRAINED
 from mdrive_sumo.cli.options import FiniteRange
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder, write_text
@@ -52,6 +52,7 @@ ORDER = (*BOUNDS, *FUSIONS)
     show_default=True,
     help="Whether a fusion can fall back to its own map.",
 )
+@click.option("--alone", "is_alone", is_flag=True, help="Never show it what others send: a twin for `codriving:alone`.")
 @click.option("--smoke", is_flag=True, help="150 steps on two made-up frames, exit 1 unless it knows them by heart.")
 def train_command(detector: str, data: tuple[Path, ...], val: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Train a detector that shares features, or one of its bounds.
@@ -119,8 +120,9 @@ def _train(detector: str, data: tuple[Path, ...], val: tuple[Path, ...], out: Pa
     )  # fmt: skip
     run = FusionRun(
         detector=detector, options=training, device=options["device"], folder=out, data=_read(data),
-        validation=_read(val), is_gated=options["is_gated"] and detector in FUSIONS, is_resumed=options["resume"],
-        initial=initial, teacher=teacher, sources=tuple(map(str, data)),
+        validation=_read(val), is_gated=options["is_gated"] and detector in SHARING,
+        is_alone=options["is_alone"], is_resumed=options["resume"], initial=initial, teacher=teacher,
+        sources=tuple(map(str, data)),
     )  # fmt: skip
     path = run_fusion_training(run, echo)
     echo(f"{path}  `learn export-detector {detector} --checkpoint {out} --out DIR` makes weights to drive with")

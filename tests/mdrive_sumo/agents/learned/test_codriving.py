@@ -19,8 +19,9 @@ from testing.tiny_detector import VAN_LAYERS, save_tiny_detector
 from testing.worlds import EmptyWorld, straight_ego, straight_road, straight_scenario
 
 from mdrive_sumo.agents.learned.codriving import CAP, CoDrivingAgent
-from mdrive_sumo.agents.learned.detector_agent import OPTIONS, SCAN_TICKS
+from mdrive_sumo.agents.learned.detector_agent import OPTIONS
 from mdrive_sumo.agents.learned.driving_request import REQUEST_GRID
+from mdrive_sumo.agents.learned.fusion_spec import MAP_TICKS
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import (
@@ -78,7 +79,7 @@ def drive(agents: dict[str, CoDrivingAgent], ticks: int = 9, change: Change = la
         now: dict[str, Sequence[Message]] = {}
         for car, agent in agents.items():
             heard = change(said["b"]) if car == "a" else said["a"]
-            clouds = {} if tick % SCAN_TICKS else {"top": SCANS[car]}
+            clouds = {} if tick % MAP_TICKS else {"top": SCANS[car]}
             own = OwnState(*POSES[car], 0.0, 0.0, 0.0, 0.0)
             reply = agent.act(Observation(tick, own, lidar=clouds, messages=tuple(heard)))
             check_reply(reply, frozenset(CONTROLLERS))
@@ -139,7 +140,7 @@ def test_messages_keep_to_the_budget(weights: str, budget: float) -> None:
     replies = drive({car: make_agent(weights, budget=budget) for car in POSES})
     sizes = [sum(len(m.payload) for m in reply.messages if m.type == FEATURE) for reply in replies]
     assert 0 < max(sizes) <= budget
-    assert [tick for tick, size in enumerate(sizes) if size] == [0, SCAN_TICKS, 2 * SCAN_TICKS]
+    assert [tick for tick, size in enumerate(sizes) if size] == [0, MAP_TICKS, 2 * MAP_TICKS]
     assert OPTIONS["budget"].default * 8 * 5 < 2e6  # bit/s at 5 Hz
 
 
