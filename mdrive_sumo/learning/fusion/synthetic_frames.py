@@ -60,18 +60,17 @@ def build_synthetic_frames(
     slots = (count, MAX_CAVS, len(DELAYS_TICKS))
     scan, pose = np.full(slots, -1, np.int32), np.full((*slots, 3), np.nan, np.float32)
     estimated = pose.copy()
-    truth = np.full((count, MAX_BOXES, 5), np.nan, np.float32)
+    truth, motion = (np.full((count, MAX_BOXES, *each), np.nan, np.float32) for each in ((5,), (len(MOTION_S), 3)))
     box_class, box_id = np.full((count, MAX_BOXES), -1, np.int8), np.full((count, MAX_BOXES), -1, np.int32)
     box_points = np.zeros((count, MAX_BOXES, MAX_CAVS), np.uint16)
-    motion = np.full((count, MAX_BOXES, len(MOTION_S), 3), np.nan, np.float32)
     scans: list[Cells] = []
     for i in range(count):
         random = np.random.default_rng(derive_seed(seed, "fusion frame", split, str(i)))
         scene = _draw_scene(random, cavs, boxes, hidden_share)
         found = len(scene.boxes)
         truth[i, :found], box_class[i, :found], box_id[i, :found] = scene.boxes, scene.classes, np.arange(found)
-        for j, time_s in enumerate(MOTION_S):
-            motion[i, :found, j] = _move_back(scene.boxes, -time_s * scene.speeds[cavs:])[:, :3]
+        ways = [_move_back(scene.boxes, -time_s * scene.speeds[cavs:])[:, :3] for time_s in MOTION_S]
+        motion[i, :found] = np.stack(ways, axis=1)
         for car in range(cavs):
             for j, delay in enumerate(DELAYS_TICKS if car else DELAYS_TICKS[:1]):
                 cells, points, where = _scan_scene(scene, car, delay / TICKS_PER_SECOND, random)
