@@ -34,6 +34,14 @@ from mdrive_sumo.sensing.camera.meshes import (
     triangulate_polygons,
 )
 from mdrive_sumo.sensing.lidar_world import BUILDING_M
+from mdrive_sumo.sensing.street_furniture import (
+    HOUSING_LOW_M,
+    HOUSING_M,
+    POLE_M,
+    SIGN_HEIGHT_M,
+    SIGN_RADIUS_M,
+    place_housings,
+)
 
 LINE_M, STOP_LINE_M = 0.15, 0.4
 """[m] Widths of lane markings and stop lines."""
@@ -43,14 +51,6 @@ CHUNK_M = 64.0
 """[m] Side of the squares by which triangles are drawn or left out."""
 SURROUNDINGS_M = 1000.0
 """[m] Around the lanes; buildings farther away are left out."""
-POLE_M = 0.12
-"""[m] Diameter of the pole of a sign or light."""
-SIGN_HEIGHT_M, SIGN_RADIUS_M = 2.3, 0.42
-HOUSING_M = (0.3, 0.36, 1.0)
-"""[m] Depth, width and height of a traffic light."""
-HOUSING_LOW_M, HOUSING_GAP_M = 2.7, 0.5
-OUTSIDE_M = 0.9
-"""[m] Distance of a traffic light's pole from the edge of its lane."""
 GRID_M = 8192.0
 """[m] Vertices are first rounded to single precision relative to a multiple of it: large coordinates lose no digits."""
 GROUND_LAYERS = 5
@@ -201,26 +201,13 @@ def _build_stop_sign(mark: StopMark, build: MeshBuilder) -> Iterator[Mesh]:
         yield build(fan, colour, SemanticClass.TRAFFIC_SIGN)
 
 
-def _place_housings(head: SignalHead) -> Iterator[tuple[float, float]]:
-    """Yield the middle of every housing of a signal head [m]."""
-    across = _find_right(head.yaw)
-    for i in range(len(head.lights)):
-        x, y = (head.place + across * (head.width / 2 + OUTSIDE_M + HOUSING_GAP_M * i)).tolist()
-        yield x, y
-
-
-def _find_right(yaw: float) -> Float:
-    cos, sin = portable.cos_sin(yaw)
-    return np.array((sin, -cos))
-
-
 def _build_signal(head: SignalHead, build: MeshBuilder) -> Iterator[Mesh]:
     depth, width, height = HOUSING_M
     cos, sin = portable.cos_sin(head.yaw)
     turn = np.array(((cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0)))
     low = (-depth / 2, -width / 2, HOUSING_LOW_M)
     block = build_block(low, (depth / 2, width / 2, HOUSING_LOW_M + height))
-    for x, y in _place_housings(head):
+    for x, y in place_housings(head):
         yield _build_pole(x, y, HOUSING_LOW_M, build)
         yield build(block @ turn + (x, y, 0.0), (34, 36, 36), SemanticClass.TRAFFIC_LIGHT)
 
@@ -229,7 +216,7 @@ def _build_lamps(heads: Sequence[SignalHead], origin: Float) -> SignalLamps:
     rows = [
         (name, x, y, head.yaw + math.pi)
         for head in heads
-        for name, (x, y) in zip(head.lights, _place_housings(head), strict=True)
+        for name, (x, y) in zip(head.lights, place_housings(head), strict=True)
     ]
     yaw = np.array([row[3] for row in rows])
     turn = np.stack(portable.cos_sin(yaw), axis=-1).reshape(-1, 2)
