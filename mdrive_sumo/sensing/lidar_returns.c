@@ -14,6 +14,7 @@ FIELDS(REFLECTS, "lower", "upper", "split", "plate");
 FIELDS(OPTICS, "attenuation", "weak", "noise", "drops");
 
 enum { SLOPE, STRETCH, LOCAL, KEYS, GROUND, LOWER, UPPER, SPLIT, PLATE, KEPT, NOISE_M, ARRAYS };
+enum { MOST_RAYS = 1 << 23 };
 static const char KINDS[] = "dffldffff?f";
 
 typedef struct {
@@ -37,8 +38,9 @@ static void close_input(Input *input, int count) {
 static bool check_input(const Input *input) {
     const Array *arrays = input->arrays;
     Py_ssize_t rays = arrays[KEYS].count;
-    bool is_valid = arrays[SLOPE].count == rays && arrays[STRETCH].count == rays && arrays[LOCAL].count == 3 * rays &&
-                    arrays[GROUND].count == rays && (!arrays[KEPT].count || arrays[KEPT].count == rays) &&
+    bool is_valid = rays < MOST_RAYS && arrays[SLOPE].count == rays && arrays[STRETCH].count == rays &&
+                    arrays[LOCAL].count == 3 * rays && arrays[GROUND].count == rays &&
+                    (!arrays[KEPT].count || arrays[KEPT].count == rays) &&
                     (!arrays[NOISE_M].count || arrays[NOISE_M].count == rays);
     for (int i = UPPER; i <= PLATE; i++) is_valid = is_valid && arrays[i].count == arrays[LOWER].count;
     const int64_t *keys = arrays[KEYS].data;
@@ -81,11 +83,19 @@ static uint64_t draw_bits(uint64_t luck, Py_ssize_t ray) {
     return state ^ state >> 31;
 }
 
-/* A ray that gives a point. */
+/* A ray that gives a point, in few bytes: large blocks of memory cost more than what is computed of them. */
 typedef struct {
-    int32_t ray, owner;
-    float distance, level;
+    uint32_t ray : 23, is_drop : 1, level : 8;
 } Return;
+
+static float get_across(const Input *input, Py_ssize_t ray) {
+    int32_t bits = (int32_t)(((const int64_t *)input->arrays[KEYS].data)[ray] >> 32);
+    float across;
+    memcpy(&across, &bits, sizeof across);
+    return across;
+}
+
+static double find_drop(uint64_t bits) { return NEAREST_DROP_M / (1.0 - FARTHER * ((double)(bits >> 40) * 0x1p-24)); }
 
 static double compute_strength(const Input *input, Py_ssize_t ray, int64_t owner, int64_t face, double distance) {
     if (!owner) return doubles(input->arrays + GROUND)[ray];
@@ -105,45 +115,38 @@ static double find_reflectivity(const Input *input, int64_t owner, int64_t face,
 static bool sense_return(const Input *input, Py_ssize_t ray, Return *found) {
     int64_t key = ((const int64_t *)input->arrays[KEYS].data)[ray], owner = key >> 8 & NOTHING, face = key & 0xFF;
     if (owner == NOTHING && !input->drops) return false;
-    int32_t distance_bits = (int32_t)(key >> 32);
-    float across, distance;
-    memcpy(&across, &distance_bits, sizeof across);
-    distance = across * floats(input, STRETCH)[ray];
+    float across = get_across(input, ray), distance = across * floats(input, STRETCH)[ray];
     uint64_t bits = draw_bits(input->luck, ray);
-    double chance = (double)(bits >> 40) * 0x1p-24;
-    *found = (Return){(int32_t)ray, 0, distance, 0.0f};
-    if ((double)(bits >> 32 & 255) < input->drops) {
-        double drop = NEAREST_DROP_M / (1.0 - FARTHER * chance);
-        if (drop < distance) {
-            found->distance = (float)drop, found->level = (float)(1 + (bits & 7));
-            return true;
-        }
+    if ((double)(bits >> 32 & 255) < input->drops && find_drop(bits) < distance) {
+        *found = (Return){(uint32_t)ray, true, 1 + (bits & 7)};
+        return true;
     }
     if (owner == NOTHING) return false;
-    double far = distance, loss = input->weak * (far * far);
+    double far = distance, loss = input->weak * (far * far), chance = (double)(bits >> 40) * 0x1p-24;
     double strength = compute_strength(input, ray, owner, face % MIDDLE, far);
     double z = input->height + doubles(input->arrays + SLOPE)[ray] * across;
     double light = find_reflectivity(input, owner, face, z) * strength;
     if (!(chance * (light + loss) >= loss)) return false;
     int sum_of_bytes = (int)((bits & 255) + (bits >> 8 & 255) + (bits >> 16 & 255) + (bits >> 24 & 255));
-    double factor = 1.0 + input->noise * ((sum_of_bytes - 510.0) / SPREAD);
-    double level = floor(LEVELS * (light * factor) + 0.5);
-    found->owner = (int32_t)owner, found->level = (float)(level < LEVELS ? level : LEVELS);
+    double factor = 1.0 + input->noise * ((sum_of_bytes - 510.0) / SPREAD), level = LEVELS * (light * factor) + 0.5;
+    *found = (Return){(uint32_t)ray, false, level < LEVELS ? (uint32_t)level : (uint32_t)LEVELS};
     return true;
 }
 
 static void fill_points(const Input *input, const Return *returns, Py_ssize_t count, float *points, int64_t *owners) {
     for (Py_ssize_t i = 0; i < count; i++, points += 4) {
-        const Return *found = returns + i;
-        const float *local = floats(input, LOCAL) + 3 * (Py_ssize_t)found->ray;
-        float distance = found->distance;
+        Py_ssize_t ray = returns[i].ray;
+        const float *local = floats(input, LOCAL) + 3 * ray;
+        bool is_drop = returns[i].is_drop;
+        float distance = is_drop ? (float)find_drop(draw_bits(input->luck, ray))
+                                 : get_across(input, ray) * floats(input, STRETCH)[ray];
         if (input->arrays[NOISE_M].count) {
-            distance += floats(input, NOISE_M)[found->ray];
+            distance += floats(input, NOISE_M)[ray];
             if (distance < 0.0f) distance = 0.0f;
         }
         for (int k = 0; k < 3; k++) points[k] = local[k] * distance;
-        points[3] = (float)(found->level / LEVELS);
-        owners[i] = found->owner;
+        points[3] = (float)(returns[i].level / LEVELS);
+        owners[i] = is_drop ? 0 : ((const int64_t *)input->arrays[KEYS].data)[ray] >> 8 & NOTHING;
     }
 }
 

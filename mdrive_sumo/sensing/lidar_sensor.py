@@ -132,7 +132,8 @@ class LidarSensor:
         first_building = 1 + len(boxes.ids)
         first_post = first_building + len(roads.buildings)
         around = select_boxes(boxes, eye.carrier_row, place, self._range)
-        around = around.concat(select_furniture(self._furniture, place, self._range, first_post))
+        if self._furniture.names:
+            around = around.concat(select_furniture(self._furniture, place, self._range, first_post))
         behind = select_walls(load_building_outlines(roads), place, self._range, first_building)
         return self._cloud(scene, cast_rays(self._rays, around, behind, place.z, self._empty))
 

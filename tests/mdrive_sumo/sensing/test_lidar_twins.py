@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from testing.twins import compare_twins
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.sensing.lidar_cast import MIDDLE, ROOF, LidarBoxes, LidarWalls, cast_rays, mark, pack_keys
+from mdrive_sumo.sensing.lidar_cast import MIDDLE, ROOF, HitKeys, LidarBoxes, LidarWalls, cast_rays, mark, pack_keys
 from mdrive_sumo.sensing.lidar_rays import LidarRays, build_tilted_rays, build_upright_rays, compute_elevations
 from mdrive_sumo.sensing.lidar_reflectivity import Reflectivities
 from mdrive_sumo.sensing.lidar_returns import NOTHING, LidarOptics, build_points, compute_ground_strengths
@@ -37,7 +37,7 @@ def walls(rows: list[tuple[float, ...]]) -> LidarWalls:
     return LidarWalls(table[:, :2], table[:, 2:], 7.5, np.arange(50, 50 + len(rows)))
 
 
-def ground(rays: LidarRays) -> Float:
+def ground(rays: LidarRays) -> HitKeys:
     distance = HEIGHT_M / np.maximum(-rays.slope, 1e-9)
     target = np.where(distance < 60.0, mark(np.array(0), ROOF), mark(np.array(NOTHING), 0))
     return pack_keys(distance, target)
