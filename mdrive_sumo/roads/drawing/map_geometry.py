@@ -168,7 +168,7 @@ def _build_stripes(roads: RoadMap, area: BaseGeometry, lanes: Sequence[Lane]) ->
 
 
 def list_stop_signs(roads: RoadMap, lanes: Sequence[Lane]) -> Iterator[StopMark]:
-    """Yield stop line and sign of every stop sign of these lanes, to the last digit the same everywhere: LiDARs see it."""
+    """Yield stop line and sign of every stop sign of these lanes, in portable digits, for LiDARs see the sign."""
     near = {lane.id for lane in lanes}
     signs = [sign for sign in roads.stop_signs or () if sign.lane in near]
     signed = {sign.lane for sign in signs}
