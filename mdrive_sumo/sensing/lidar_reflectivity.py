@@ -1,7 +1,7 @@
 """What surfaces reflect of a LiDAR's light at 905 nm: a draw for every instance from the range of its class.
 
 The ranges of classes overlap, so that an intensity does not name the class. The numbers are round and cover what is
-published for materials near 905 nm; shares within a range are a surrogate: uniform. docs/range-sensors.md has sources.
+published for materials near 905 nm; shares within a range are a surrogate: uniform. docs/lidar-returns.md has sources.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """What comes back of a LiDAR's light: intensity by reflectivity, angle and distance; losses; echoes of rain.
 
-docs/range-sensors.md names the sources. Surrogates all: a beam has no width here, and no sensor was measured.
+docs/lidar-returns.md names the sources. Surrogates all: a beam has no width here, and no sensor was measured.
 """
 
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ WEAK = 0.1 / (50.0 * 50.0)
 DRY = LidarOptics(CARLA_ATTENUATION, WEAK, 0.1, 0)
 RAIN = LidarOptics(CARLA_ATTENUATION + 2 * 0.0027, WEAK, 0.1, 3)
 """35 mm/h: 0.0027 a metre, there and back (docs/detections.md). 1 % of the rays: the order of magnitude by Marshall and
-Palmer's drops (1948), see docs/range-sensors.md."""
+Palmer's drops (1948), see docs/lidar-returns.md."""
 
 
 def compute_ground_strengths(rays: LidarRays, keys: HitKeys, optics: LidarOptics) -> Float:
