@@ -129,7 +129,7 @@ static bool sense_return(const Input *input, Py_ssize_t ray, Return *found) {
     if (!(chance * (light + loss) >= loss)) return false;
     int sum_of_bytes = (int)((bits & 255) + (bits >> 8 & 255) + (bits >> 16 & 255) + (bits >> 24 & 255));
     double factor = 1.0 + input->noise * ((sum_of_bytes - 510.0) / SPREAD), level = LEVELS * (light * factor) + 0.5;
-    *found = (Return){(uint32_t)ray, false, level < LEVELS ? (uint32_t)level : (uint32_t)LEVELS};
+    *found = (Return){(uint32_t)ray, false, !(level < LEVELS) ? (uint32_t)LEVELS : level > 0.0 ? (uint32_t)level : 0};
     return true;
 }
 

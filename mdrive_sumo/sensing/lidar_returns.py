@@ -109,7 +109,7 @@ def build_points(
     is_seen = chance[rows] * (light + loss) >= loss
     factor = 1.0 + optics.noise * ((sum_of_bytes[rows] - 510.0) / SPREAD)
     level = np.zeros(len(keys))
-    level[rows] = np.minimum(np.floor(LEVELS * (light * factor) + 0.5), LEVELS)
+    level[rows] = np.clip(np.floor(LEVELS * (light * factor) + 0.5), 0.0, LEVELS)
     level[is_drop] = 1 + (bits[is_drop] & 7)
     distance[is_drop], owner = drop[is_drop], np.where(is_drop, 0, owner)
     if len(noise_m):
