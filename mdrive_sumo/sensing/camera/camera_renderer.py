@@ -1,6 +1,5 @@
 """CameraRenderer: draws a static scene and the road users of a tick with OpenGL, without a display."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,69 +11,29 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import SemanticClass, SensorSpec
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, Int
-from mdrive_sumo.sensing.camera.camera_model import FAR_PLANE_M, CameraModel, CameraView, ImageKind
-from mdrive_sumo.sensing.camera.gl_context import RecentObjects, create_context
+from mdrive_sumo.sensing.camera.camera_model import FAR_PLANE_M, ImageKind
+from mdrive_sumo.sensing.camera.draw_commands import CommandRuns, list_chunk_commands, list_instance_commands
+from mdrive_sumo.sensing.camera.gl_context import GrowingBuffer, RecentObjects, create_context
 from mdrive_sumo.sensing.camera.instances import (
     FAR_M_OF_FOCAL,
     FAR_MODEL,
     INSTANCE_FORMAT,
-    MODEL_FIRST,
-    MODEL_SURFACE,
+    INSTANCE_NAMES,
     MODEL_VERTICES,
-    SceneInstances,
 )
-from mdrive_sumo.sensing.camera.lighting import Lighting
-from mdrive_sumo.sensing.camera.meshes import VERTEX_FORMAT, Material, Mesh, Surface, build_mesh, build_quads
-from mdrive_sumo.sensing.camera.shaders import FOG_STEPS, VIEW_FLOATS, write_shaders, write_sky_shaders
-from mdrive_sumo.sensing.camera.static_scene import GROUND_LAYERS, Chunks, StaticScene
-
-COLUMNS = 5
-"""Vertices, instances, first vertex, first instance, padding: moderngl strides as for indexed drawing."""
-
-
-@dataclass(frozen=True, slots=True)
-class CommandRuns:
-    """Commands (C, COLUMNS), and for each surface its first command and their number."""
-
-    commands: npt.NDArray[np.uint32]
-    surfaces: tuple[tuple[Surface, int, int], ...]
-
-
-def list_chunk_commands(chunks: Chunks, visible: Bool) -> CommandRuns:
-    """Return commands for the visible chunks (K,); neighbours of one surface are drawn together."""
-    rows = np.flatnonzero(visible)
-    first, count, surface = chunks.first[rows], chunks.count[rows], chunks.surface[rows]
-    starts = np.ones(len(rows), dtype=np.bool_)
-    starts[1:] = (first[1:] != first[:-1] + count[:-1]) | (surface[1:] != surface[:-1])
-    begin = np.flatnonzero(starts)
-    commands = np.zeros((len(begin), COLUMNS), dtype=np.uint32)
-    if len(begin):
-        commands[:, 0] = np.add.reduceat(count, begin)
-    commands[:, 1], commands[:, 2] = 1, first[begin]
-    return CommandRuns(commands, _find_surfaces(surface[begin]))
-
-
-def list_instance_commands(models: Int) -> CommandRuns:
-    """Return a command for each model (index into `MESHES`) among the instances (N,), which are in this order."""
-    number = np.bincount(models, minlength=len(MODEL_SURFACE))
-    present = np.flatnonzero(number)
-    commands = np.zeros((len(present), COLUMNS), dtype=np.uint32)
-    commands[:, 0], commands[:, 1], commands[:, 2] = (
-        MODEL_FIRST[present + 1] - MODEL_FIRST[present],
-        number[present],
-        MODEL_FIRST[present],
-    )
-    commands[:, 3] = np.cumsum(number[present]) - number[present]
-    order = np.argsort(MODEL_SURFACE[present], kind="stable")
-    return CommandRuns(commands[order], _find_surfaces(MODEL_SURFACE[present[order]]))
-
-
-def _find_surfaces(surface: Int) -> tuple[tuple[Surface, int, int], ...]:
-    """Return the runs of equal surfaces of commands (C,), which are ordered by them."""
-    runs = ((kind, *np.searchsorted(surface, (kind, kind + 1)).tolist()) for kind in Surface)
-    return tuple((kind, first, end - first) for kind, first, end in runs if end > first)
-
+from mdrive_sumo.sensing.camera.light_map import LightMapPainter
+from mdrive_sumo.sensing.camera.meshes import (
+    VERTEX_FORMAT,
+    VERTEX_NAMES,
+    Material,
+    Mesh,
+    Surface,
+    build_mesh,
+    build_quads,
+)
+from mdrive_sumo.sensing.camera.picture import Picture, pack_view
+from mdrive_sumo.sensing.camera.shaders import VIEW_FLOATS, write_shaders, write_sky_shaders
+from mdrive_sumo.sensing.camera.static_scene import GROUND_LAYERS, StaticScene
 
 if TYPE_CHECKING:
     import moderngl
@@ -91,24 +50,6 @@ _TEXTURES = {
     ImageKind.INSTANCE: (1, "u4"),
 }
 _ELEMENTS = {"f1": np.uint8, "u1": np.uint8, "f4": np.float32, "u4": np.uint32}
-_VERTEX_NAMES = ("position", "normal", "colour", "kind")
-_INSTANCE_NAMES = ("place", "turn", "size", "paint", "tag")
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """What is drawn: a camera in a scene, with road users and light."""
-
-    model: CameraModel
-    view: CameraView
-    scene: StaticScene
-    instances: SceneInstances
-    light: Lighting
-    heading: Float
-    """(2,) direction of the head lamps."""
-    without: int | None = None
-    """Row of the road user that carries the camera."""
-    exposure: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +65,10 @@ class _VertexArrays:
 
     def __init__(self, renderer: "CameraRenderer", vertices: Any, instances: Any = None) -> None:
         self._renderer = renderer
-        self._content: list[Any] = [(vertices, VERTEX_FORMAT, *_VERTEX_NAMES)]
+        self.vertices = vertices
+        self._content: list[Any] = [(vertices, VERTEX_FORMAT, *VERTEX_NAMES)]
         if instances is not None:
-            self._content.append((instances, INSTANCE_FORMAT, *_INSTANCE_NAMES))
+            self._content.append((instances, INSTANCE_FORMAT, *INSTANCE_NAMES))
         self._arrays: dict[_ProgramKey, Any] = {}
 
     def get(self, key: _ProgramKey) -> Any:
@@ -147,8 +89,8 @@ class CameraRenderer:
         self._scenes = RecentObjects[StaticScene](MOST_SCENES, self._build_scene)
         self._view = context.buffer(reserve=4 * VIEW_FLOATS, dynamic=True)
         self._view.bind_to_uniform_block(0)
-        self._commands = _GrowingBuffer(context)
-        self._instances = _GrowingBuffer(context)
+        self._commands = GrowingBuffer(context)
+        self._instances = GrowingBuffer(context)
         self._models = RecentObjects[Any](1, self._build_models)
         terrain = self._terrain = context.buffer(reserve=_build_terrain().nbytes, dynamic=True)
         self._terrain_arrays = _VertexArrays(self, terrain)
@@ -156,6 +98,7 @@ class CameraRenderer:
         self._sky = context.program(vertex_shader=vertex, fragment_shader=fragment)
         corners = np.array(((-1, -1), (3, -1), (-1, 3)), dtype=np.float32)
         self._sky_corners = context.simple_vertex_array(self._sky, context.buffer(corners.tobytes()), "corner")
+        self._light_map = LightMapPainter(context, self._get_solids)
 
     @property
     def driver(self) -> str:
@@ -167,9 +110,11 @@ class CameraRenderer:
         model = picture.model
         components, dtype = _TEXTURES[model.kind]
         target = self._targets.get((model.kind, model.width, model.height))
+        self._view.write(pack_view(picture).tobytes())
+        if model.kind is ImageKind.RGB:
+            self._light_map.show(picture)
         target.use()
         self._prepare_target(target, model.kind)
-        self._view.write(_pack_view(picture).tobytes())
         self._draw_instances(picture)
         self._draw_static(picture)
         if model.kind is ImageKind.RGB:
@@ -199,6 +144,10 @@ class CameraRenderer:
 
     def _build_scene(self, scene: StaticScene) -> _VertexArrays:
         return _VertexArrays(self, self._context.buffer(scene.vertices.tobytes()))
+
+    def _get_solids(self, scene: StaticScene) -> Any:
+        """Return the buffer with what stands still."""
+        return self._scenes.get(scene).vertices
 
     def _build_models(self, instances: Any) -> _VertexArrays:
         return _VertexArrays(self, self._context.buffer(MODEL_VERTICES.tobytes()), instances)
@@ -253,20 +202,6 @@ class CameraRenderer:
         self._context.depth_func = "<"
 
 
-class _GrowingBuffer:
-    """A buffer that is written anew for each image."""
-
-    def __init__(self, context: Any) -> None:
-        self._context, self._buffer = context, context.buffer(reserve=16384, dynamic=True)
-
-    def write(self, content: bytes) -> Any:
-        if len(content) > self._buffer.size:
-            self._buffer = self._context.buffer(reserve=2 * len(content), dynamic=True)
-        self._buffer.orphan()
-        self._buffer.write(content)
-        return self._buffer
-
-
 @lru_cache(maxsize=1)
 def load_renderer() -> CameraRenderer:
     """Return the renderer of this process: a context takes half a second. Raises InputError."""
@@ -295,26 +230,6 @@ def _clear(target: Any, kind: ImageKind, value: float) -> None:
     target.clear(depth=1.0)
     dtype = _ELEMENTS[_TEXTURES[kind][1]]
     texture.write(np.full(texture.width * texture.height, value, dtype=dtype).tobytes(), alignment=1)
-
-
-def _pack_view(picture: Picture) -> npt.NDArray[np.float32]:
-    """Return the uniform block of the shaders: the matrix, columns first, and rows of four."""
-    light, exposure, origin = picture.light, picture.exposure, picture.scene.origin
-    level = math.sqrt(1.0 - light.elevation * light.elevation)
-    fog = light.fog_per_m / FOG_STEPS
-    rows = (
-        (*(picture.view.place - origin), 0.0),
-        (*picture.view.axes[:, 0], light.wet),
-        (*origin, exposure),
-        (0.6 * level, -0.8 * level, light.elevation, 0.0),
-        (*light.sun, 0.0),
-        (*light.ambient, 0.0),
-        (*(exposure * value for value in light.horizon), fog),
-        (*(exposure * value for value in light.zenith), 0.0),
-        (*picture.heading, 0.0, 0.0),
-    )
-    clip = picture.model.build_clip_matrix(picture.view, origin)
-    return np.concatenate((clip.T.reshape(-1), np.array(rows).reshape(-1))).astype(np.float32)
 
 
 @lru_cache(maxsize=1)

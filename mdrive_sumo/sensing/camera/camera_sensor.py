@@ -53,16 +53,18 @@ class CameraSensor:
         """Return the image of this tick, None in ticks without one."""
         if scene.tick % self._every_ticks:
             return None
-        from mdrive_sumo.sensing.camera.camera_renderer import Picture
         from mdrive_sumo.sensing.camera.instances import load_instances
+        from mdrive_sumo.sensing.camera.picture import Picture
         from mdrive_sumo.sensing.camera.static_scene import load_static_scene
 
         static = load_static_scene(self._fitting.roads)
         instances = load_instances(scene, static)
-        heading = np.array(portable.cos_sin(eye.yaw))
+        heading, middle = np.array(portable.cos_sin(eye.yaw)), np.array((eye.x, eye.y))
         without, light, exposure = eye.carrier_row, self._light, self._exposure
         pictures = [
-            self._renderer.draw(Picture(self._model, view, static, instances, light, heading, without, exposure))
+            self._renderer.draw(
+                Picture(self._model, view, static, instances, light, heading, middle, without, exposure)
+            )
             for view in self._list_views(scene, eye)
         ]
         return self._finish(scene, self._spoil(scene.tick, pictures))

@@ -29,7 +29,7 @@ INSTANCE = np.dtype(
 )
 """A model in the world: its lowest middle point [m] relative to the scene's origin, cosine and sine of its yaw, length,
 width and height [m], colour, 1 + row of the road user (0 for others), and the `SignalLamp`s that shine."""
-INSTANCE_FORMAT = "3f4 2f4 3f4 4f1 2u4 /i"
+INSTANCE_FORMAT, INSTANCE_NAMES = "3f4 2f4 3f4 4f1 2u4 /i", ("place", "turn", "size", "paint", "tag")
 Instances = npt.NDArray[np.void]
 PAINTS: tuple[Colour, ...] = (
     *((225, 226, 228), (42, 44, 48), (128, 132, 136), (168, 172, 176), (150, 28, 32), (36, 72, 132)),

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mdrive_sumo.contract.sensors import SemanticClass
-from mdrive_sumo.core.geometry import Int
+from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind, RoadUsers
 from mdrive_sumo.sensing.camera.meshes import (
     Colour,
@@ -19,6 +19,7 @@ from mdrive_sumo.sensing.camera.meshes import (
     Material,
     Mesh,
     build_block,
+    build_frustum,
     build_mesh,
     build_wheel,
     join_meshes,
@@ -152,3 +153,20 @@ FAR_MODELS: Mapping[RoadUserModel, Mesh] = MappingProxyType(
     {model: _to_unit(build(False)) for model, build in _VEHICLES.items()}
 )
 """Vehicles with simpler wheels, for those whose wheels cover few pixels."""
+
+_BLOCK = build_block((-0.5, -0.5, 0.0), (0.5, 0.5, 1.0))
+_CAR_SHADOW = (
+    build_block((-0.5, -0.5, 0.1), (0.5, 0.5, 0.58)),
+    build_frustum(((-0.42, -0.48, 0.55), (0.23, 0.48, 0.55)), ((-0.29, -0.41, 1.0), (0.08, 0.41, 1.0))),
+)
+_RIDER_SHADOW = build_block((-0.5, -0.08, 0.0), (0.5, 0.08, 0.5)), build_block((-0.2, -0.33, 0.4), (0.05, 0.33, 1.0))
+SHADOW_MODELS: Mapping[RoadUserModel, Float] = MappingProxyType(
+    {
+        **dict.fromkeys(RoadUserModel, _BLOCK),
+        RoadUserModel.CAR: np.concatenate(_CAR_SHADOW),
+        RoadUserModel.MOTORCYCLE: np.concatenate(_RIDER_SHADOW),
+        RoadUserModel.CYCLIST: np.concatenate(_RIDER_SHADOW),
+        RoadUserModel.PEDESTRIAN: build_block((-0.25, -0.35, 0.0), (0.25, 0.35, 1.0)),
+    }
+)
+"""Triangles (T, 3, 3) in the unit box of every model that throw its shadow: few, for a shadow shows little."""

@@ -5,7 +5,7 @@ program is compiled. Light is computed for corners: every triangle has one norma
 """
 
 from mdrive_sumo.sensing.camera.camera_model import ImageKind
-from mdrive_sumo.sensing.camera.meshes import Material, Surface
+from mdrive_sumo.sensing.camera.meshes import FIRST_GROUND, Material, Surface
 
 VIEW_BLOCK = """
 layout(std140) uniform View {
@@ -19,13 +19,15 @@ layout(std140) uniform View {
     vec4 horizon;   // already exposed; w: fog in each metre
     vec4 zenith;    // already exposed
     vec4 heading;   // of the head lamps
+    vec4 map;       // xy: corner of the light map, from the origin; z: 1 / its side; w: light below a street lamp
 };
 """
-VIEW_FLOATS = 16 + 9 * 4
-"""Numbers in the block of uniforms of a view: a matrix, and nine vectors of four."""
+VIEW_FLOATS = 16 + 10 * 4
+"""Numbers in the block of uniforms of a view: a matrix, and ten vectors of four."""
 _DEFINES = """
 #define PAINT {paint}u
 #define ROUGH {rough}u
+#define SMOOTH {smooth}u
 #define HEADLAMP {headlamp}u
 #define TAIL_LAMP {tail_lamp}u
 #define BRAKE_LAMP {brake_lamp}u
@@ -102,7 +104,7 @@ void main() { pixel = v_label; }
 """
 _RGB_VERTEX = """
 out vec3 v_offset;
-flat out vec3 v_shown;   // by sun, sky and its own lamp
+flat out vec3 v_shown;   // by sun, sky and its own lamp; of the ground its colour
 flat out vec3 v_lit;     // by the head lamps, where they shine brightest
 #if defined(FACADE_SURFACE)
 out vec2 v_wall;         // place on the wall [panes]
@@ -139,8 +141,11 @@ void main() {
     v_offset = world - eye.xyz;
     vec3 light = ambient.rgb + sun.rgb * max(dot(facing, to_sun.xyz), 0.0) + 0.12 * ambient.rgb * facing.z;
     light *= ground.w;
-    if (kind.y == ROUGH) base *= 1.0 - ahead.w;
+#ifdef GROUND
+    v_shown = base * (ground.w - ground.w * ahead.w);
+#else
     v_shown = base * light;
+#endif
     v_lit = base * ground.w * vec3(0.75, 0.73, 0.66);
 #ifdef INSTANCED
     vec3 glow = find_glow();
@@ -159,6 +164,7 @@ void main() {
 }
 """
 _RGB_FRAGMENT = """
+uniform sampler2D light_map;
 in vec3 v_offset;
 flat in vec3 v_shown;
 flat in vec3 v_lit;
@@ -183,11 +189,19 @@ float find_beam(float away) {
 void main() {
     float away = length(v_offset);
     vec3 seen = v_shown;
+#if defined(GROUND)
+    vec2 at = v_offset.xy + eye.xy;
+    vec4 fallen = texture(light_map, (at - map.xy) * map.z);
+    vec3 light = ambient.rgb * (1.12 - fallen.g) + sun.rgb * (to_sun.z - to_sun.z * fallen.r);
 #ifdef LAMPS
+    light += find_beam(away) * vec3(0.75, 0.73, 0.66) + (fallen.b * map.w) * vec3(1.0, 0.84, 0.58);
+#endif
+    seen *= light;
+#elif defined(LAMPS)
     seen += v_lit * find_beam(away);
 #endif
 #if defined(ROUGH_SURFACE)
-    vec2 at = v_offset.xy + (eye.xy + ground.xy);
+    at += ground.xy;
     seen *= 0.94 + 0.1 * vary(at * 0.31) + 0.14 * (vary(at * 5.0) - 0.5) * max(1.0 - away / 60.0, 0.0);
 #elif defined(FACADE_SURFACE)
     vec2 pane = abs(fract(v_wall) - vec2(0.5, 0.575));
@@ -231,18 +245,95 @@ void main() {
     pixel = vec4(mix(horizon.rgb, zenith.rgb, sqrt(up)), 1.0);
 }
 """
+_MAP = """
+uniform vec3 area;    // lower left corner of the map, relative to the scene's origin, and 2 / its side
+uniform vec2 slope;   // how far a shadow falls for each metre of height
+void put(vec2 ground) { gl_Position = vec4((ground - area.xy) * area.z - 1.0, 0.0, 1.0); }
+"""
+_SHADOW_VERTEX = """
+in vec3 position;
+#ifdef INSTANCED
+in vec3 place;
+in vec2 turn;
+in vec3 size;
+void main() {
+    vec3 v = position * size;
+    put(place.xy + vec2(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y) + slope * v.z);
+}
+#else
+void main() { put(position.xy + slope * position.z); }
+#endif
+"""
+_SHADOW_FRAGMENT = """
+out vec4 pixel;
+#ifdef INSTANCED
+void main() { pixel = vec4(1.0, 0.0, 0.0, 0.0); }
+#else
+void main() { pixel = vec4(1.0, 0.0, 0.0, 1.0); }
+#endif
+"""
+_SPOT_VERTEX = """
+in vec2 corner;
+in vec2 middle;
+in vec2 turn;
+in vec2 reach;
+in vec2 core;
+in vec4 gain;
+out vec2 v_local;
+flat out vec2 v_core;
+flat out vec2 v_soft;
+flat out vec4 v_gain;
+void main() {
+    v_local = corner * reach;
+    v_core = core;
+    v_soft = 1.0 / (reach - core);
+    v_gain = gain;
+    put(middle + vec2(turn.x * v_local.x - turn.y * v_local.y, turn.y * v_local.x + turn.x * v_local.y));
+}
+"""
+_SPOT_FRAGMENT = """
+in vec2 v_local;
+flat in vec2 v_core;
+flat in vec2 v_soft;
+flat in vec4 v_gain;
+out vec4 pixel;
+void main() {
+    vec2 outside = max(abs(v_local) - v_core, 0.0) * v_soft;
+    float full = max(1.0 - length(outside), 0.0);
+    pixel = v_gain * (full * full);
+}
+"""
 
 
 def write_shaders(kind: ImageKind, surface: Surface, instanced: bool, lamps: bool) -> tuple[str, str]:
     """Return the sources of the vertex and the fragment shader. lamps: whether head lamps light a picture."""
     is_rgb = kind is ImageKind.RGB
-    names = [f"{surface.name}_SURFACE", *(["LAMPS"] if lamps else [])] if is_rgb else [kind.name]
-    head = "#version 330\n" + "".join(f"#define {name}\n" for name in (*names, *(["INSTANCED"] if instanced else [])))
+    names = [kind.name]
+    if is_rgb:
+        options = {"LAMPS": lamps, "GROUND": surface >= FIRST_GROUND}
+        names = [f"{surface.name}_SURFACE", *(name for name, is_on in options.items() if is_on)]
+    head = write_head(*names, *(["INSTANCED"] if instanced else []))
     vertex = _DEFINES + VIEW_BLOCK + _VERTEX_INPUTS + _PLACE + (_RGB_VERTEX if is_rgb else _LABEL_VERTEX)
     return head + vertex, head + VIEW_BLOCK + (_RGB_FRAGMENT if is_rgb else _LABEL_FRAGMENT)
 
 
+def write_shadow_shaders(instanced: bool) -> tuple[str, str]:
+    """Return the sources of the vertex and the fragment shader of bodies that are flattened into the light map."""
+    head = write_head(*(["INSTANCED"] if instanced else []))
+    return head + _MAP + _SHADOW_VERTEX, head + _SHADOW_FRAGMENT
+
+
+def write_spot_shaders() -> tuple[str, str]:
+    """Return the sources of the vertex and the fragment shader of soft rectangles in the light map."""
+    return write_head() + _MAP + _SPOT_VERTEX, write_head() + _SPOT_FRAGMENT
+
+
 def write_sky_shaders() -> tuple[str, str]:
     """Return the sources of the vertex and the fragment shader of the sky."""
-    head = "#version 330\n" + VIEW_BLOCK
+    head = write_head() + VIEW_BLOCK
     return head + _SKY_VERTEX, head + _SKY_FRAGMENT
+
+
+def write_head(*names: str) -> str:
+    """Return the first lines of a shader, which define names."""
+    return "#version 330\n" + "".join(f"#define {name}\n" for name in names)

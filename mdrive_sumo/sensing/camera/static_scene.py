@@ -100,6 +100,8 @@ class StaticScene:
     vertices: Mesh
     chunks: Chunks
     lamps: SignalLamps
+    street_lamps: Float
+    """(L, 2) where street lamps hang [m], relative to the origin."""
 
 
 @lru_cache(maxsize=2)
@@ -109,7 +111,7 @@ def load_static_scene(roads: RoadMap) -> StaticScene:
     middle = shapely.get_coordinates(whole.centroid)[0].round()
     origin = np.array((*middle, 0.0))
     mesh, lamps = build_scene_meshes(roads, whole, origin)
-    return StaticScene(origin, *_cut_into_chunks(mesh), lamps)
+    return StaticScene(origin, *_cut_into_chunks(mesh), lamps, np.zeros((0, 2)))
 
 
 def build_scene_meshes(roads: RoadMap, area: BaseGeometry, origin: Float) -> tuple[Mesh, SignalLamps]:
@@ -143,8 +145,8 @@ def _build_ground(geometry: MapGeometry, build: MeshBuilder) -> Iterator[Mesh]:
     road, walk, line = SemanticClass.ROAD, SemanticClass.SIDEWALK, SemanticClass.ROAD_LINE
     paint = build_road_paint(geometry, LINE_M, STOP_LINE_M)
     layers: tuple[tuple[Sequence[shapely.Polygon], Colour, SemanticClass, Material], ...] = (
-        (paint, (226, 226, 222), line, Material.PLAIN),
-        (_build_kerbs(geometry), (196, 194, 188), walk, Material.PLAIN),
+        (paint, (226, 226, 222), line, Material.SMOOTH),
+        (_build_kerbs(geometry), (196, 194, 188), walk, Material.SMOOTH),
         (geometry.asphalt, (84, 85, 88), road, Material.ROUGH),
         (geometry.aprons, (104, 104, 106), road, Material.ROUGH),
         (geometry.pavements, (158, 156, 150), walk, Material.ROUGH),
