@@ -13,6 +13,7 @@ from mdrive_sumo.contract import SemanticClass, SensorSpec
 from mdrive_sumo.core import portable
 from mdrive_sumo.sensing.camera.camera_model import FAR_PLANE_M, ImageKind
 from mdrive_sumo.sensing.camera.draw_commands import CommandRuns, list_chunk_commands, list_instance_commands
+from mdrive_sumo.sensing.camera.edge_smoothing import smooth_edges
 from mdrive_sumo.sensing.camera.gl_context import GrowingBuffer, RecentObjects, create_context
 from mdrive_sumo.sensing.camera.instances import (
     FAR_M_OF_FOCAL,
@@ -44,7 +45,7 @@ TERRAIN = (96, 118, 74)
 MOST_SCENES, MOST_TARGETS = 2, 32
 """Networks and kinds and sizes of images whose objects are kept: a worker may drive many."""
 _TEXTURES = {
-    ImageKind.RGB: (3, "f1"),
+    ImageKind.RGB: (4, "f1"),
     ImageKind.SEMANTIC: (1, "u1"),
     ImageKind.DEPTH: (1, "f4"),
     ImageKind.INSTANCE: (1, "u4"),
@@ -108,7 +109,6 @@ class CameraRenderer:
     def draw(self, picture: Picture) -> npt.NDArray[Any]:
         """Return an image: (H, W, 3) uint8 for rgb, else (H, W): uint8 classes, float32 [m], uint32 1 + row."""
         model = picture.model
-        components, dtype = _TEXTURES[model.kind]
         target = self._targets.get((model.kind, model.width, model.height))
         self._view.write(pack_view(picture).tobytes())
         if model.kind is ImageKind.RGB:
@@ -119,10 +119,11 @@ class CameraRenderer:
         self._draw_static(picture)
         if model.kind is ImageKind.RGB:
             self._draw_sky(picture)
+        components, dtype = _TEXTURES[model.kind]
         shape = (model.height, model.width, components)[: 3 if components > 1 else 2]
         image = np.empty(shape, dtype=_ELEMENTS[dtype])
         target.read_into(image, components=components, alignment=1, dtype=dtype)
-        return image
+        return smooth_edges(image) if model.kind is ImageKind.RGB else image
 
     def build_vertex_array(self, key: _ProgramKey, content: list[Any]) -> Any:
         """Return how a program reads buffers."""
@@ -139,7 +140,7 @@ class CameraRenderer:
     def _build_target(self, key: tuple[ImageKind, int, int]) -> "moderngl.Framebuffer":
         kind, *size = key
         components, dtype = _TEXTURES[kind]
-        colour = self._context.texture(size, 4 if components == 3 else components, dtype=dtype)
+        colour = self._context.texture(size, components, dtype=dtype)
         return self._context.framebuffer([colour], self._context.depth_renderbuffer(size))
 
     def _build_scene(self, scene: StaticScene) -> _VertexArrays:
