@@ -171,7 +171,10 @@ class CameraRenderer:
         is_far = portable.hypot(away[:, 0], away[:, 1]) > FAR_M_OF_FOCAL * picture.model.focal_px
         models = np.where(is_far, FAR_MODEL[instances.model[chosen]], instances.model[chosen])
         order = np.argsort(models, kind="stable")
-        buffer = self._instances.write(instances.rows[chosen[order]].tobytes())
+        rows = instances.rows[chosen[order]]
+        if picture.model.kind is ImageKind.RGB:
+            rows = self._light_map.shade(rows)
+        buffer = self._instances.write(rows.tobytes())
         self._draw_runs(picture, self._models.get(buffer), list_instance_commands(models[order]), True)
 
     def _draw_static(self, picture: Picture) -> None:

@@ -25,11 +25,17 @@ from mdrive_sumo.sensing.lidar_world import assume_heights
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
 
 INSTANCE = np.dtype(
-    [("place", "<f4", 3), ("turn", "<f4", 2), ("size", "<f4", 3), ("paint", "u1", 4), ("tag", "<u4"), ("lamps", "<u4")]
+    [
+        *(("place", "<f4", 3), ("turn", "<f4", 2), ("size", "<f4", 3), ("paint", "u1", 4), ("tag", "<u4")),
+        *(("lamps", "<u4"), ("shade", "u1", 4)),
+    ]
 )
 """A model in the world: its lowest middle point [m] relative to the scene's origin, cosine and sine of its yaw, length,
-width and height [m], colour, 1 + row of the road user (0 for others), and the `SignalLamp`s that shine."""
-INSTANCE_FORMAT, INSTANCE_NAMES = "3f4 2f4 3f4 4f1 2u4 /i", ("place", "turn", "size", "paint", "tag")
+width and height [m], colour, 1 + row of the road user (0 for others), the `SignalLamp`s that shine, and of 255: how much
+of the sun is hidden from it and how much light of street lamps it gets (both written by `LightMapPainter`), phase of its
+steps, padding."""
+INSTANCE_FORMAT = "3f4 2f4 3f4 4f1 2u4 4f1 /i"
+INSTANCE_NAMES = ("place", "turn", "size", "paint", "tag", "shade")
 Instances = npt.NDArray[np.void]
 PAINTS: tuple[Colour, ...] = (
     *((225, 226, 228), (42, 44, 48), (128, 132, 136), (168, 172, 176), (150, 28, 32), (36, 72, 132)),

@@ -2,10 +2,11 @@
 
 All cameras of a car share the map of a tick. A shadow is a body flattened along the rays of the sun, so it falls on the
 ground only, not on walls or other bodies. Channels, each the most of what lies there: red the sun hidden by anything,
-green the sky hidden by bodies close by, blue light of lamps, alpha the sun hidden by what stands still.
+green the sky hidden by bodies close by, blue light of lamps. Alpha is how bright the ground is from place to place.
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,18 +15,22 @@ import numpy.typing as npt
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.sensing.camera.draw_commands import COLUMNS, list_chunk_commands
 from mdrive_sumo.sensing.camera.gl_context import GrowingBuffer, RecentObjects
-from mdrive_sumo.sensing.camera.instances import INSTANCE_FORMAT, INSTANCE_NAMES, SceneInstances
+from mdrive_sumo.sensing.camera.instances import INSTANCE_FORMAT, INSTANCE_NAMES, Instances, SceneInstances
 from mdrive_sumo.sensing.camera.lighting import Lighting
 from mdrive_sumo.sensing.camera.meshes import FIRST_GROUND, VERTEX_FORMAT, VERTEX_NAMES
 from mdrive_sumo.sensing.camera.picture import MAP_PIXEL_M, MAP_PX, Picture
 from mdrive_sumo.sensing.camera.road_user_models import SHADOW_MODELS, RoadUserModel
 from mdrive_sumo.sensing.camera.shaders import write_shadow_shaders, write_spot_shaders
 from mdrive_sumo.sensing.camera.static_scene import Chunks, StaticScene
+from mdrive_sumo.sensing.lidar_returns import draw_bits
 from mdrive_sumo.sensing.lidar_world import BUILDING_M
 
 TILE_PX, TILE_STEP_PX, MOST_TILES = 800, 256, 8
 """Pixels along a side of a tile with what stands still and from one to the next, and how many are kept (2.6 MB each).
 A tile reaches half a map beyond every place that is nearer to its middle than to those of others."""
+WEAR_PX, WEAR_GRIDS = TILE_STEP_PX, {64: 2, 16: 3, 4: 3, 1: 2}
+"""Pixels after which worn ground repeats itself, and the weights of grids by the pixels between their lines: 12.8 m to
+0.2 m. By eye."""
 SPOT = np.dtype([("middle", "<f4", 2), ("turn", "<f4", 2), ("reach", "<f4", 2), ("core", "<f4", 2), ("gain", "<f4", 4)])
 """A soft rectangle on the ground: its middle [m] relative to the scene's origin, cosine and sine of its yaw, half its
 length and width [m] to where it ends and within which it is full, and what it adds to the channels."""
@@ -101,6 +106,7 @@ class LightMapPainter:
         self._texture.repeat_x = self._texture.repeat_y = False
         self._target = context.framebuffer([self._texture])
         self._tile_target = context.framebuffer([context.texture((TILE_PX, TILE_PX), 4)])
+        self._tile: _Tile | None = None
         self._shown: tuple[SceneInstances, Lighting, tuple[int, ...]] | None = None
 
     def show(self, picture: Picture) -> None:
@@ -112,12 +118,27 @@ class LightMapPainter:
             self._draw(picture, cell)
         self._texture.use(0)
 
+    def shade(self, rows: Instances) -> Instances:
+        """Return instances with what the shadows and lamps of the last map, of what stands still, do to them."""
+        assert self._tile is not None, "a map was shown"
+        tile, shaded = self._tile, rows.copy()
+        pixels, origin = self._tiles.get(tile), tile.scene.origin[:2]
+        reach = rows["turn"] * (rows["size"][:, :1] / 3)
+        places = np.stack([rows["place"][:, :2] + share * reach for share in (-1, 0, 1)]) + origin
+        x, y = np.moveaxis(np.floor(places / MAP_PIXEL_M).astype(np.int64) - tile.cell, -1, 0)
+        inside = (x >= 0) & (x < TILE_PX) & (y >= 0) & (y < TILE_PX)
+        seen = pixels[np.where(inside, y, 0), np.where(inside, x, 0)] * inside[..., None]
+        mean = seen.astype(np.int64).sum(axis=0) // len(places)
+        shaded["shade"][:, 0], shaded["shade"][:, 1] = mean[:, 0], mean[:, 2]
+        return shaded
+
     def _draw(self, picture: Picture, cell: Int) -> None:
         column, row = ((cell + (MAP_PX + TILE_STEP_PX) // 2) // TILE_STEP_PX).tolist()
         tile = _Tile(picture.scene, picture.light, column, row)
         x, y = (cell - tile.cell).tolist()
+        self._tile = tile
         still = self._tiles.get(tile)[y : y + MAP_PX, x : x + MAP_PX].copy()
-        still[0] = still[-1] = still[:, 0] = still[:, -1] = 0  # what lies beyond the map has no shadow
+        still[0] = still[-1] = still[:, 0] = still[:, -1] = (0, 0, 0, 128)  # what lies beyond the map has no shadow
         self._texture.write(still)
         self._target.use()
         self._target.viewport = (1, 1, MAP_PX - 2, MAP_PX - 2)
@@ -171,7 +192,29 @@ class LightMapPainter:
                 self._draw_spots(_build_spots(scene.street_lamps, (1.0, 0.0), 0.0, POOL_M, POOL, 2))
         pixels = np.empty((TILE_PX, TILE_PX, 4), dtype=np.uint8)
         self._tile_target.read_into(pixels, components=4, alignment=1)
+        first = tile.cell % WEAR_PX
+        rows, columns = (np.arange(start, start + TILE_PX) % WEAR_PX for start in (first[1], first[0]))
+        pixels[:, :, 3] = _build_wear()[np.ix_(rows, columns)]
         return pixels
+
+
+@lru_cache(maxsize=1)
+def _build_wear() -> npt.NDArray[np.uint8]:
+    """Return how bright worn ground is (WEAR_PX, WEAR_PX): the mean of random numbers on grids of several widths."""
+    total = np.zeros((WEAR_PX, WEAR_PX), dtype=np.int64)
+    for width, weight in WEAR_GRIDS.items():
+        count = WEAR_PX // width
+        corners = (draw_bits(width, count * count) & np.uint64(255)).astype(np.int64).reshape(count, count)
+        for axis in (0, 1):
+            corners = _blend(corners, np.roll(corners, -1, axis=axis), width, axis)
+        total += weight * corners
+    return (total // sum(WEAR_GRIDS.values())).astype(np.uint8)
+
+
+def _blend(values: Int, following: Int, width: int, axis: int) -> Int:
+    """Return values with `width` steps from each to the one that follows along an axis."""
+    share = np.tile(np.arange(width), values.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1))
+    return (values.repeat(width, axis) * (width - share) + following.repeat(width, axis) * share) // width
 
 
 class _MostOfAll:

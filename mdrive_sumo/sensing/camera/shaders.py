@@ -46,6 +46,7 @@ in vec2 turn;
 in vec3 size;
 in vec4 paint;
 in uvec2 tag;
+in vec4 shade;
 #endif
 """
 _PLACE = """
@@ -102,10 +103,31 @@ out uint pixel;
 void main() { pixel = v_label; }
 #endif
 """
+_AIR = """
+float find_beam(vec3 offset, float away) {
+    float ahead_m = dot(offset.xy, heading.xy), aside_m = abs(offset.x * heading.y - offset.y * heading.x);
+    float cone = clamp(1.3 - aside_m / max(0.35 * ahead_m + 1.5, 0.1), 0.0, 1.0), near = max(1.0 - away / 110.0, 0.0);
+    near *= near;
+    return ahead_m > 0.0 ? cone * near * near : 0.0;
+}
+vec3 fade(vec3 seen, float away) {
+    float clear = max(1.0 - away * horizon.w, 0.0);  // (1 - x / 16)^16 is nearly exp(-x), and needs no table
+    clear *= clear;
+    clear *= clear;
+    clear *= clear;
+    clear *= clear;
+    return mix(horizon.rgb, seen, clear);
+}
+"""
 _RGB_VERTEX = """
+#if defined(PLAIN_SURFACE)
+out vec3 v_seen;         // bodies are small: their corners are enough
+vec3 v_offset, v_shown, v_lit;
+#else
 out vec3 v_offset;
 flat out vec3 v_shown;   // by sun, sky and its own lamp; of the ground its colour
 flat out vec3 v_lit;     // by the head lamps, where they shine brightest
+#endif
 #if defined(FACADE_SURFACE)
 out vec2 v_wall;         // place on the wall [panes]
 flat out vec3 v_glass;
@@ -139,7 +161,14 @@ void main() {
 #endif
     put(world);
     v_offset = world - eye.xyz;
-    vec3 light = ambient.rgb + sun.rgb * max(dot(facing, to_sun.xyz), 0.0) + 0.12 * ambient.rgb * facing.z;
+    float sunny = max(dot(facing, to_sun.xyz), 0.0);
+#ifdef INSTANCED
+    sunny -= sunny * shade.x;
+#endif
+    vec3 light = ambient.rgb + sun.rgb * sunny + 0.12 * ambient.rgb * facing.z;
+#if defined(INSTANCED) && defined(LAMPS)
+    light += (shade.y * map.w * (0.6 + 0.4 * facing.z)) * vec3(1.0, 0.84, 0.58);
+#endif
     light *= ground.w;
 #ifdef GROUND
     v_shown = base * (ground.w - ground.w * ahead.w);
@@ -154,7 +183,13 @@ void main() {
         v_lit = vec3(0.0);
     }
 #endif
-#if defined(FACADE_SURFACE)
+#if defined(PLAIN_SURFACE)
+    float away = gl_Position.w;
+#ifdef LAMPS
+    v_shown += v_lit * find_beam(v_offset, away);
+#endif
+    v_seen = fade(v_shown, away);
+#elif defined(FACADE_SURFACE)
     v_wall = vec2(dot(world.xy, vec2(-facing.y, facing.x)) / 3.0, world.z / 3.3);
     v_glass = vec3(0.25, 0.31, 0.38) * light;
 #elif defined(STRIPES_SURFACE)
@@ -164,6 +199,11 @@ void main() {
 }
 """
 _RGB_FRAGMENT = """
+out vec4 pixel;
+#if defined(PLAIN_SURFACE)
+in vec3 v_seen;
+void main() { pixel = vec4(v_seen, 1.0); }
+#else
 uniform sampler2D light_map;
 in vec3 v_offset;
 flat in vec3 v_shown;
@@ -175,35 +215,33 @@ flat in vec3 v_glass;
 in float v_stripe;
 flat in vec3 v_light;
 #endif
-out vec4 pixel;
 // Noise of a cell (Jimenez 2014, "Next generation post processing in Call of Duty").
 float vary(vec2 at) {
     return fract(52.9829189 * fract(dot(floor(at), vec2(0.06711056, 0.00583715))));
 }
-float find_beam(float away) {
-    float ahead_m = dot(v_offset.xy, heading.xy), aside_m = abs(v_offset.x * heading.y - v_offset.y * heading.x);
-    float cone = clamp(1.3 - aside_m / max(0.35 * ahead_m + 1.5, 0.1), 0.0, 1.0), near = max(1.0 - away / 110.0, 0.0);
-    near *= near;
-    return ahead_m > 0.0 ? cone * near * near : 0.0;
-}
 void main() {
-    float away = length(v_offset);
+    float away = 1.0 / gl_FragCoord.w;  // depth: a root costs more than it shows
     vec3 seen = v_shown;
 #if defined(GROUND)
     vec2 at = v_offset.xy + eye.xy;
     vec4 fallen = texture(light_map, (at - map.xy) * map.z);
     vec3 light = ambient.rgb * (1.12 - fallen.g) + sun.rgb * (to_sun.z - to_sun.z * fallen.r);
 #ifdef LAMPS
-    light += find_beam(away) * vec3(0.75, 0.73, 0.66) + (fallen.b * map.w) * vec3(1.0, 0.84, 0.58);
+    light += find_beam(v_offset, away) * vec3(0.75, 0.73, 0.66) + (fallen.b * map.w) * vec3(1.0, 0.84, 0.58);
 #endif
     seen *= light;
 #elif defined(LAMPS)
-    seen += v_lit * find_beam(away);
+    seen += v_lit * find_beam(v_offset, away);
 #endif
 #if defined(ROUGH_SURFACE)
     at += ground.xy;
-    seen *= 0.94 + 0.1 * vary(at * 0.31) + 0.14 * (vary(at * 5.0) - 0.5) * max(1.0 - away / 60.0, 0.0);
+    seen *= 0.82 + 0.36 * fallen.a + 0.12 * (vary(at * 11.0) - 0.5) * max(1.0 - away / 30.0, 0.0);
 #elif defined(FACADE_SURFACE)
+#ifdef LAMPS
+    vec2 foot = v_offset.xy + (eye.xy - map.xy);
+    float below = texture(light_map, foot * map.z).b * max(1.0 - (v_offset.z + eye.z) / 9.0, 0.0);
+    seen += v_lit * (below * map.w);
+#endif
     vec2 pane = abs(fract(v_wall) - vec2(0.5, 0.575));
     vec3 glass = v_glass;
 #ifdef LAMPS
@@ -213,18 +251,14 @@ void main() {
 #elif defined(STRIPES_SURFACE)
     vec3 paint = fract(v_stripe) < 0.5 ? vec3(0.85, 0.2, 0.16) : vec3(0.92);
 #ifdef LAMPS
-    seen = paint * (v_light + find_beam(away) * ground.w);
+    seen = paint * (v_light + find_beam(v_offset, away) * ground.w);
 #else
     seen = paint * v_light;
 #endif
 #endif
-    float clear = max(1.0 - away * horizon.w, 0.0);  // (1 - x / 16)^16 is nearly exp(-x), and needs no table
-    clear *= clear;
-    clear *= clear;
-    clear *= clear;
-    clear *= clear;
-    pixel = vec4(mix(horizon.rgb, seen, clear), 1.0);
+    pixel = vec4(fade(seen, away), 1.0);
 }
+#endif
 """
 FOG_STEPS = 16
 """The fragment shader's power: its fog is that of the exponential divided by this."""
@@ -266,11 +300,7 @@ void main() { put(position.xy + slope * position.z); }
 """
 _SHADOW_FRAGMENT = """
 out vec4 pixel;
-#ifdef INSTANCED
 void main() { pixel = vec4(1.0, 0.0, 0.0, 0.0); }
-#else
-void main() { pixel = vec4(1.0, 0.0, 0.0, 1.0); }
-#endif
 """
 _SPOT_VERTEX = """
 in vec2 corner;
@@ -313,8 +343,8 @@ def write_shaders(kind: ImageKind, surface: Surface, instanced: bool, lamps: boo
         options = {"LAMPS": lamps, "GROUND": surface >= FIRST_GROUND}
         names = [f"{surface.name}_SURFACE", *(name for name, is_on in options.items() if is_on)]
     head = write_head(*names, *(["INSTANCED"] if instanced else []))
-    vertex = _DEFINES + VIEW_BLOCK + _VERTEX_INPUTS + _PLACE + (_RGB_VERTEX if is_rgb else _LABEL_VERTEX)
-    return head + vertex, head + VIEW_BLOCK + (_RGB_FRAGMENT if is_rgb else _LABEL_FRAGMENT)
+    vertex = _DEFINES + VIEW_BLOCK + _VERTEX_INPUTS + _PLACE + (_AIR + _RGB_VERTEX if is_rgb else _LABEL_VERTEX)
+    return head + vertex, head + VIEW_BLOCK + (_AIR + _RGB_FRAGMENT if is_rgb else _LABEL_FRAGMENT)
 
 
 def write_shadow_shaders(instanced: bool) -> tuple[str, str]:
