@@ -48,6 +48,9 @@ SURFACE_OF_FURNITURE = {
     FurnitureKind.POLE: Surface((0.2, 0.6), (0.2, 0.6)),  # zinc and paint
     FurnitureKind.SIGN: Surface((RETROREFLECTOR, RETROREFLECTOR), (RETROREFLECTOR, RETROREFLECTOR)),
     FurnitureKind.SIGNAL: Surface((0.05, 0.3), (0.05, 0.3)),  # dark plastic
+    FurnitureKind.LAMP: Surface((0.2, 0.6), (0.2, 0.6)),
+    FurnitureKind.TRUNK: PLANT,
+    FurnitureKind.CROWN: PLANT,
 }
 ASPHALT = Surface((0.1, 0.25), (0.1, 0.25))
 """About 0.17 with pebbles."""

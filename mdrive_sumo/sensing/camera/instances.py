@@ -31,8 +31,8 @@ INSTANCE = np.dtype(
     ]
 )
 """A model in the world: its lowest middle point [m] relative to the scene's origin, cosine and sine of its yaw, length,
-width and height [m], colour, 1 + row of the road user (0 for others), the `SignalLamp`s that shine, and of 255: how much
-of the sun is hidden from it and how much light of street lamps it gets (both written by `LightMapPainter`), phase of its
+width and height [m], colour, 1 + row of the road user (0 for others), the `SignalLamp`s that shine. `shade`, of 255: how
+much of the sun is hidden from it and how much light of street lamps it gets (`LightMapPainter.shade`), the phase of its
 steps, padding."""
 INSTANCE_FORMAT = "3f4 2f4 3f4 4f1 2u4 4f1 /i"
 INSTANCE_NAMES = ("place", "turn", "size", "paint", "tag", "shade")

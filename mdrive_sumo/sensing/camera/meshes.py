@@ -46,6 +46,7 @@ class Material(IntEnum):
     RIGHT_INDICATOR = 10
     SMOOTH = 11
     """Markings and kerbs."""
+    STREET_LAMP = 12
 
 
 class Surface(IntEnum):

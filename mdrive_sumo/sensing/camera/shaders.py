@@ -26,8 +26,7 @@ VIEW_FLOATS = 16 + 10 * 4
 """Numbers in the block of uniforms of a view: a matrix, and ten vectors of four."""
 _DEFINES = """
 #define PAINT {paint}u
-#define ROUGH {rough}u
-#define SMOOTH {smooth}u
+#define STREET_LAMP {street_lamp}u
 #define HEADLAMP {headlamp}u
 #define TAIL_LAMP {tail_lamp}u
 #define BRAKE_LAMP {brake_lamp}u
@@ -176,6 +175,12 @@ void main() {
     v_shown = base * light;
 #endif
     v_lit = base * ground.w * vec3(0.75, 0.73, 0.66);
+#if defined(LAMPS) && !defined(INSTANCED)
+    if (kind.y == STREET_LAMP && map.w > 0.0) {
+        v_shown = vec3(1.0, 0.9, 0.68) * ground.w;
+        v_lit = vec3(0.0);
+    }
+#endif
 #ifdef INSTANCED
     vec3 glow = find_glow();
     if (glow.r > 0.0) {

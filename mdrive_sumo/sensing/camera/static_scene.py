@@ -33,6 +33,7 @@ from mdrive_sumo.sensing.camera.meshes import (
     join_meshes,
     triangulate_polygons,
 )
+from mdrive_sumo.sensing.camera.street_models import build_made_up, find_street_lamps
 from mdrive_sumo.sensing.lidar_world import BUILDING_M
 from mdrive_sumo.sensing.street_furniture import (
     HOUSING_LOW_M,
@@ -40,6 +41,7 @@ from mdrive_sumo.sensing.street_furniture import (
     POLE_M,
     SIGN_HEIGHT_M,
     SIGN_RADIUS_M,
+    load_street_furniture,
     place_housings,
 )
 
@@ -111,7 +113,9 @@ def load_static_scene(roads: RoadMap) -> StaticScene:
     middle = shapely.get_coordinates(whole.centroid)[0].round()
     origin = np.array((*middle, 0.0))
     mesh, lamps = build_scene_meshes(roads, whole, origin)
-    return StaticScene(origin, *_cut_into_chunks(mesh), lamps, np.zeros((0, 2)))
+    return StaticScene(
+        origin, *_cut_into_chunks(mesh), lamps, find_street_lamps(load_street_furniture(roads)) - origin[:2]
+    )
 
 
 def build_scene_meshes(roads: RoadMap, area: BaseGeometry, origin: Float) -> tuple[Mesh, SignalLamps]:
@@ -122,7 +126,8 @@ def build_scene_meshes(roads: RoadMap, area: BaseGeometry, origin: Float) -> tup
     geometry, heads = build_map_geometry(roads, area), list_signal_heads(roads, area)
     corner = GRID_M * np.round(origin / GRID_M)
     build = partial(build_mesh, origin=corner)
-    mesh = join_meshes([*_build_solids(geometry, heads, build), *_build_ground(geometry, build)])
+    solids = *_build_solids(geometry, heads, build), *build_made_up(load_street_furniture(roads), area, build)
+    mesh = join_meshes([*solids, *_build_ground(geometry, build)])
     return _move(mesh, origin - corner), _build_lamps(heads, origin)
 
 
