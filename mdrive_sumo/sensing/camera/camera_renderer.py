@@ -24,6 +24,7 @@ from mdrive_sumo.sensing.camera.instances import (
 )
 from mdrive_sumo.sensing.camera.light_map import LightMapPainter
 from mdrive_sumo.sensing.camera.meshes import (
+    FIRST_GROUND,
     VERTEX_FORMAT,
     VERTEX_NAMES,
     Material,
@@ -33,7 +34,7 @@ from mdrive_sumo.sensing.camera.meshes import (
     build_quads,
 )
 from mdrive_sumo.sensing.camera.picture import Picture, pack_view
-from mdrive_sumo.sensing.camera.shaders import VIEW_FLOATS, write_shaders, write_sky_shaders
+from mdrive_sumo.sensing.camera.shaders import PLAIN_LOOK, VIEW_FLOATS, Look, write_shaders, write_sky_shaders
 from mdrive_sumo.sensing.camera.static_scene import GROUND_LAYERS, StaticScene
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class _ProgramKey:
     kind: ImageKind
     surface: Surface = Surface.PLAIN
     is_instanced: bool = False
-    has_lamps: bool = False
+    look: Look = PLAIN_LOOK
 
 
 class _VertexArrays:
@@ -114,7 +115,7 @@ class CameraRenderer:
         if model.kind is ImageKind.RGB:
             self._light_map.show(picture)
         target.use()
-        self._prepare_target(target, model.kind)
+        self._prepare_target(target, picture)
         self._draw_instances(picture)
         self._draw_static(picture)
         if model.kind is ImageKind.RGB:
@@ -131,7 +132,7 @@ class CameraRenderer:
 
     def _get_program(self, key: _ProgramKey) -> Any:
         if key not in self._programs:
-            vertex, fragment = write_shaders(key.kind, key.surface, key.is_instanced, key.has_lamps)
+            vertex, fragment = write_shaders(key.kind, key.surface, key.is_instanced, key.look)
             program: Any = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
             program["View"].binding = 0
             self._programs[key] = program
@@ -153,9 +154,13 @@ class CameraRenderer:
     def _build_models(self, instances: Any) -> _VertexArrays:
         return _VertexArrays(self, self._context.buffer(MODEL_VERTICES.tobytes()), instances)
 
-    def _prepare_target(self, target: "moderngl.Framebuffer", kind: ImageKind) -> None:
-        background = {ImageKind.SEMANTIC: float(SemanticClass.SKY), ImageKind.DEPTH: FAR_PLANE_M}.get(kind, 0.0)
-        _clear(target, kind, background)
+    def _prepare_target(self, target: "moderngl.Framebuffer", picture: Picture) -> None:
+        kind = picture.model.kind
+        if kind is ImageKind.RGB:  # what wet ground mirrors where there are no bodies
+            target.clear(*(picture.exposure * value for value in picture.light.horizon), 1.0, depth=1.0)
+        else:
+            background = {ImageKind.SEMANTIC: float(SemanticClass.SKY), ImageKind.DEPTH: FAR_PLANE_M}.get(kind, 0.0)
+            _clear(target, kind, background)
         self._context.enable(self._context.DEPTH_TEST | self._context.CULL_FACE)
 
     def _draw_instances(self, picture: Picture) -> None:
@@ -174,25 +179,36 @@ class CameraRenderer:
         rows = instances.rows[chosen[order]]
         if picture.model.kind is ImageKind.RGB:
             rows = self._light_map.shade(rows)
-        buffer = self._instances.write(rows.tobytes())
-        self._draw_runs(picture, self._models.get(buffer), list_instance_commands(models[order]), True)
+        arrays = self._models.get(self._instances.write(rows.tobytes()))
+        runs = list_instance_commands(models[order])
+        self._draw_runs(picture, arrays, runs, True)
+        if picture.is_wet:
+            self._context.front_face = "ccw"
+            self._draw_runs(picture, arrays, runs, True, is_mirrored=True)
+            self._context.front_face = "cw"
 
     def _draw_static(self, picture: Picture) -> None:
         scene = picture.scene
         visible = picture.model.may_show(picture.view, scene.chunks.centre + scene.origin[:2], scene.chunks.radius)
+        if picture.is_wet:
+            self._context.enable(self._context.BLEND)
+            self._context.blend_equation = self._context.FUNC_ADD
+            self._context.blend_func = self._context.SRC_ALPHA, self._context.ONE_MINUS_SRC_ALPHA
         self._draw_runs(picture, self._scenes.get(scene), list_chunk_commands(scene.chunks, visible), False)
+        self._context.disable(self._context.BLEND)
         self._terrain.write(_place_terrain(picture).tobytes())
-        self._terrain_arrays.get(_choose_program(picture, Surface.ROUGH, False)).render()
+        self._terrain_arrays.get(_choose_program(picture, Surface.ROUGH, False, is_wet=False)).render()
 
-    def _draw_runs(self, picture: Picture, arrays: _VertexArrays, runs: CommandRuns, is_instanced: bool) -> None:
-        """Draw parts of a buffer, with one call for each surface."""
+    def _draw_runs(
+        self, picture: Picture, arrays: _VertexArrays, runs: CommandRuns, is_instanced: bool, is_mirrored: bool = False
+    ) -> None:
+        """Draw parts of a buffer, with one call for each surface. is_mirrored: as wet ground shows it."""
         if not len(runs.commands):
             return
         buffer = self._commands.write(runs.commands.tobytes())
         for surface, first, count in runs.surfaces:
-            arrays.get(_choose_program(picture, surface, is_instanced)).render_indirect(
-                buffer, count=count, first=first
-            )
+            key = _choose_program(picture, surface, is_instanced, is_mirrored=is_mirrored)
+            arrays.get(key).render_indirect(buffer, count=count, first=first)
 
     def _draw_sky(self, picture: Picture) -> None:
         """Fill what nothing has covered."""
@@ -218,16 +234,19 @@ def check_renderer(sensors: Iterable[SensorSpec]) -> None:
         load_renderer()
 
 
-def _choose_program(picture: Picture, surface: Surface, is_instanced: bool) -> _ProgramKey:
-    """Return the program of a surface; labels and depths look the same on all."""
+def _choose_program(
+    picture: Picture, surface: Surface, is_instanced: bool, is_mirrored: bool = False, is_wet: bool = True
+) -> _ProgramKey:
+    """Return the program of a surface; labels and depths look the same on all. is_wet: if it rains."""
     if picture.model.kind is not ImageKind.RGB:
         return _ProgramKey(picture.model.kind, is_instanced=is_instanced)
-    return _ProgramKey(ImageKind.RGB, surface, is_instanced, picture.light.lamps)
+    look = Look(picture.light.lamps, picture.is_wet and is_wet and surface >= FIRST_GROUND, is_mirrored)
+    return _ProgramKey(ImageKind.RGB, surface, is_instanced, look)
 
 
 def _clear(target: Any, kind: ImageKind, value: float) -> None:
     """Fill a target; moderngl clears with floats, which integer textures do not take."""
-    if kind in (ImageKind.RGB, ImageKind.DEPTH):
+    if kind is ImageKind.DEPTH:
         target.clear(value, value, value, 1.0, depth=1.0)
         return
     texture = target.color_attachments[0]

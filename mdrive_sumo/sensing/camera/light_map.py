@@ -37,8 +37,9 @@ length and width [m] to where it ends and within which it is full, and what it a
 SPOT_FORMAT = "2f4 2f4 2f4 2f4 4f4 /i"
 SPOT_NAMES = ("middle", "turn", "reach", "core", "gain")
 Spots = npt.NDArray[np.void]
-HIDDEN_SKY, SKY_REACH_M = 0.85, 0.45
-"""Share of the sky that a body hides from the ground under it, and how far beside it [m] the ground is still darker."""
+HIDDEN_SKY, SKY_REACH = 0.85, 0.25
+"""Share of the sky that a body hides from the ground under it, and of its width up to where the ground beside it is
+still darker; by eye."""
 BEAM_M = (9.0, 10.0, 2.6)
 """[m] Middle of the light of a vehicle's dipped head lamps, from its front, and half its length and width: by eye."""
 BEAM, POOL, POOL_M = 0.55, 1.0, 13.0
@@ -49,7 +50,16 @@ _MOTORS = (RoadUserModel.CAR, RoadUserModel.VAN, RoadUserModel.TRUCK, RoadUserMo
 def build_spots(instances: SceneInstances, light: Lighting) -> Spots:
     """Return what is darker because a body is close, and what lamps light."""
     users = instances.rows[instances.row >= 0]
-    groups = [_build_spots(users["place"][:, :2], users["turn"], users["size"][:, :2] / 2, SKY_REACH_M, HIDDEN_SKY, 1)]
+    groups = [
+        _build_spots(
+            users["place"][:, :2],
+            users["turn"],
+            users["size"][:, :2] / 2,
+            SKY_REACH * users["size"][:, 1:2],
+            HIDDEN_SKY,
+            1,
+        )
+    ]
     if light.lamps:
         has_motor = np.isin(instances.model[instances.row >= 0], _MOTORS)
         motors = users[has_motor]

@@ -15,7 +15,7 @@ from mdrive_sumo.core.geometry import Float
 
 VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 4), ("kind", "u1", 4)])
 """A corner of a triangle: position [m], unit normal, RGB and padding, and semantic class, material, layer of the ground
-(0 for solids, 1 for the topmost), padding."""
+(0 for solids, 1 for the topmost), and the limb that it belongs to (0: none)."""
 VERTEX_FORMAT, VERTEX_NAMES = "3f4 3f4 4f1 4u1", ("position", "normal", "colour", "kind")
 """The same for moderngl and for shaders."""
 Mesh: TypeAlias = npt.NDArray[np.void]

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.core.geometry import Float, Int
-from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraView
+from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraView, ImageKind
 from mdrive_sumo.sensing.camera.instances import SceneInstances
 from mdrive_sumo.sensing.camera.lighting import Lighting
 from mdrive_sumo.sensing.camera.shaders import FOG_STEPS
@@ -32,6 +32,11 @@ class Picture:
     without: int | None = None
     """Row of the road user that carries the camera."""
     exposure: float = 1.0
+
+    @property
+    def is_wet(self) -> bool:
+        """Whether the ground mirrors what stands on it, in colours."""
+        return self.light.wet > 0.0 and self.model.kind is ImageKind.RGB
 
     @property
     def map_cell(self) -> Int:

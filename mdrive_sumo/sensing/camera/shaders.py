@@ -4,6 +4,8 @@ Mesa's software renderer computes both sides of every condition, so what differs
 program is compiled. Light is computed for corners: every triangle has one normal and one colour.
 """
 
+from typing import NamedTuple
+
 from mdrive_sumo.sensing.camera.camera_model import ImageKind
 from mdrive_sumo.sensing.camera.meshes import FIRST_GROUND, Material, Surface
 
@@ -56,9 +58,22 @@ vec3 rotate(vec3 v) {
     return v;
 #endif
 }
+vec3 move_limb(vec3 v) {
+#ifdef INSTANCED
+    if (kind.w == 0u || shade.z == 0.0) return v;
+    float swing = abs(fract(shade.z) * 4.0 - 2.0) - 1.0;
+    if (kind.w == 2u || kind.w == 3u) swing = -swing;
+    v.x += swing * (kind.w < 3u ? 0.45 * max(0.5 - v.z, 0.0) / 0.5 : 0.35 * max(0.8 - v.z, 0.0) / 0.35);
+#endif
+    return v;
+}
 vec3 find_world() {
 #ifdef INSTANCED
-    return place + rotate(position * size);
+    vec3 world = place + rotate(move_limb(position) * size);
+#ifdef MIRRORED
+    world.z = -world.z;
+#endif
+    return world;
 #else
     return position;
 #endif
@@ -68,6 +83,10 @@ void put(vec3 world) {
     // Real depths of layers at one height are equal only up to rounding, which grows with the size of triangles.
     gl_Position = clip * vec4(world, 1.0);
     float solid = 0.99 * gl_Position.z - 0.01 * gl_Position.w;
+#ifdef MIRRORED
+    gl_Position.z = 0.9985 * gl_Position.w + 0.001 * gl_Position.z;  // behind all layers of the ground
+    return;
+#endif
     gl_Position.z = kind.z == 0u ? solid : (0.99 + 0.001 * float(kind.z)) * gl_Position.w - 0.05;
 }
 """
@@ -194,6 +213,9 @@ void main() {
     v_shown += v_lit * find_beam(v_offset, away);
 #endif
     v_seen = fade(v_shown, away);
+#ifdef MIRRORED
+    v_seen = mix(v_seen, horizon.rgb, clamp(-0.3 * world.z, 0.0, 1.0));  // rough ground mirrors what is close to it
+#endif
 #elif defined(FACADE_SURFACE)
     v_wall = vec2(dot(world.xy, vec2(-facing.y, facing.x)) / 3.0, world.z / 3.3);
     v_glass = vec3(0.25, 0.31, 0.38) * light;
@@ -248,11 +270,14 @@ void main() {
     seen += v_lit * (below * map.w);
 #endif
     vec2 pane = abs(fract(v_wall) - vec2(0.5, 0.575));
-    vec3 glass = v_glass;
+    float room = vary(v_wall + 37.0), frame = max(pane.x - 0.22, pane.y - 0.225);
+    vec3 glass = v_glass * (0.75 + 0.5 * room);
 #ifdef LAMPS
-    glass += vary(v_wall + 37.0) > 0.65 ? vec3(0.5, 0.4, 0.2) * ground.w : vec3(0.0);
+    glass += room > 0.65 ? vec3(0.5, 0.4, 0.2) * ((2.2 * room - 0.9) * ground.w) : vec3(0.0);
 #endif
-    seen = max(pane.x - 0.22, pane.y - 0.225) < 0.0 ? glass : seen;
+    float course = fract(v_wall.y * 22.0) < 0.16 ? 0.9 : 1.0;  // bricks from close by
+    seen *= mix(1.0, course, max(1.0 - away / 25.0, 0.0)) * (v_wall.y < 0.16 ? 0.72 : 1.0);
+    seen = frame < 0.0 ? glass : frame < 0.025 ? seen * 1.12 : seen;
 #elif defined(STRIPES_SURFACE)
     vec3 paint = fract(v_stripe) < 0.5 ? vec3(0.85, 0.2, 0.16) : vec3(0.92);
 #ifdef LAMPS
@@ -261,7 +286,14 @@ void main() {
     seen = paint * v_light;
 #endif
 #endif
+#if defined(GROUND) && defined(WET)
+    // Wet ground mirrors more the flatter it is seen (Schlick 1994: the fifth power, here of a rough surface).
+    float flat_view = max(1.0 - 1.6 * eye.z / away, 0.0);
+    float clear_share = 1.0 - (0.06 + 0.5 * flat_view * flat_view) * (0.55 + 0.9 * fallen.a);
+    pixel = vec4(fade(seen, away), clear_share);
+#else
     pixel = vec4(fade(seen, away), 1.0);
+#endif
 }
 #endif
 """
@@ -340,14 +372,28 @@ void main() {
 """
 
 
-def write_shaders(kind: ImageKind, surface: Surface, instanced: bool, lamps: bool) -> tuple[str, str]:
-    """Return the sources of the vertex and the fragment shader. lamps: whether head lamps light a picture."""
+class Look(NamedTuple):
+    """What else decides how a surface is drawn in colours."""
+
+    has_lamps: bool = False
+    """Head lamps light the picture."""
+    is_wet: bool = False
+    is_mirrored: bool = False
+    """It is seen in wet ground."""
+
+
+PLAIN_LOOK = Look()
+
+
+def write_shaders(kind: ImageKind, surface: Surface, instanced: bool, look: Look) -> tuple[str, str]:
+    """Return the sources of the vertex and the fragment shader."""
     is_rgb = kind is ImageKind.RGB
-    names = [kind.name]
+    options = {"INSTANCED": instanced}
     if is_rgb:
-        options = {"LAMPS": lamps, "GROUND": surface >= FIRST_GROUND}
-        names = [f"{surface.name}_SURFACE", *(name for name, is_on in options.items() if is_on)]
-    head = write_head(*names, *(["INSTANCED"] if instanced else []))
+        options |= {"LAMPS": look.has_lamps, "WET": look.is_wet, "MIRRORED": look.is_mirrored}
+        options["GROUND"] = surface >= FIRST_GROUND
+    names = (name for name, is_on in options.items() if is_on)
+    head = write_head(f"{surface.name}_SURFACE" if is_rgb else kind.name, *names)
     vertex = _DEFINES + VIEW_BLOCK + _VERTEX_INPUTS + _PLACE + (_AIR + _RGB_VERTEX if is_rgb else _LABEL_VERTEX)
     return head + vertex, head + VIEW_BLOCK + (_AIR + _RGB_FRAGMENT if is_rgb else _LABEL_FRAGMENT)
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -29,7 +30,7 @@ def find_street_lamps(furniture: StreetFurniture) -> Float:
 
 
 def build_made_up(furniture: StreetFurniture, area: BaseGeometry, build: MeshBuilder) -> Iterator[Mesh]:
-    """Yield the meshes of street lamps and trees in an area; signs and traffic lights are no matter of this function."""
+    """Yield the meshes of street lamps and trees in an area; signs and traffic lights are elsewhere."""
     is_inside = shapely.contains_xy(area, furniture.x, furniture.y).tolist()
     for i, (kind, name) in enumerate(zip(furniture.kinds, furniture.names, strict=True)):
         if not is_inside[i] or (kind is FurnitureKind.POLE and not name.startswith("pole:lamp:")):
@@ -83,7 +84,7 @@ def _place_crown(furniture: StreetFurniture, row: int) -> Float:
         rings.append(np.column_stack((radius * wide * uneven * cos, radius * wide * uneven * sin, level)))
     sides = [
         build_quads(np.stack((low, np.roll(low, -1, axis=0), np.roll(high, -1, axis=0), high), axis=1))
-        for low, high in zip(rings[:-1], rings[1:], strict=True)
+        for low, high in pairwise(rings)
     ]
     top, bottom = (
         np.stack((ring, np.roll(ring, -1, axis=0), np.broadcast_to(ring.mean(axis=0), ring.shape)), axis=1)
