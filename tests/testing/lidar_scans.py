@@ -36,8 +36,14 @@ def height_of(box: Box) -> float:
     return 1.0 if kind == Kind.STATIC else 1.75
 
 
+def bare_road(length: float = 300.0) -> RoadMap:
+    """A road without street lamps and trees, as there are none in junctions."""
+    roads = straight_road(length)
+    return replace(roads, lanes={name: replace(lane, junction=True) for name, lane in roads.lanes.items()})
+
+
 def town(*rings: Ring) -> RoadMap:
-    return replace(straight_road(), buildings=tuple(Building(id=f"h{i}", polygon=r) for i, r in enumerate(rings)))
+    return replace(bare_road(), buildings=tuple(Building(id=f"h{i}", polygon=r) for i, r in enumerate(rings)))
 
 
 def make_briefing(vehicle: VehicleFacts = CAR) -> Briefing:

@@ -57,7 +57,7 @@ static void mix(const Canvas *canvas, Py_ssize_t row, Py_ssize_t column) {
     Way on = follow(at, along, step, middle, jump, is_level ? width - 1 - column : canvas->height - 1 - row);
     bool is_back = back.distance < on.distance;
     int near = is_back ? back.distance : on.distance, end = is_back ? back.end : on.end;
-    if ((end < 0) == (2 * *at - middle < 0)) return;
+    if ((end < 0) == (2 * *at - middle < 0) || 2 * abs(end) < jump) return;
     int share = 128 - 256 * near / (back.distance + on.distance);
     const unsigned char *own = canvas->pixels + 4 * i, *other = canvas->pixels + 4 * (i + step);
     for (int k = 0; k < 3; k++)

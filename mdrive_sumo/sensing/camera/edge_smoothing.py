@@ -67,7 +67,8 @@ def _mix(wide: Int, bright: Int, rows: Int, columns: Int, smooth: Bytes) -> None
     on, end_on = _follow(flat, at, along, step, middle, jump, room_on)
     near, end = np.minimum(back, on), np.where(back < on, end_back, end_on)
     share = 128 - 256 * near // (back + on)
-    share[(end < 0) == (2 * here - middle < 0)] = 0  # the edge bends away from this pixel
+    # No change where the edge bends away from this pixel, or has no end nearby.
+    share[((end < 0) == (2 * here - middle < 0)) | (2 * abs(end) < jump)] = 0
     own, other = wide.reshape(-1, 4)[at, :3], wide.reshape(-1, 4)[at + step, :3]
     smooth.reshape(-1, 3)[at] = (own * (256 - share[:, None]) + other * share[:, None] + 128) >> 8
 

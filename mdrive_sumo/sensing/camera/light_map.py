@@ -50,16 +50,8 @@ _MOTORS = (RoadUserModel.CAR, RoadUserModel.VAN, RoadUserModel.TRUCK, RoadUserMo
 def build_spots(instances: SceneInstances, light: Lighting) -> Spots:
     """Return what is darker because a body is close, and what lamps light."""
     users = instances.rows[instances.row >= 0]
-    groups = [
-        _build_spots(
-            users["place"][:, :2],
-            users["turn"],
-            users["size"][:, :2] / 2,
-            SKY_REACH * users["size"][:, 1:2],
-            HIDDEN_SKY,
-            1,
-        )
-    ]
+    half, soft = users["size"][:, :2] / 2, SKY_REACH * users["size"][:, 1:2]
+    groups = [_build_spots(users["place"][:, :2], users["turn"], half, soft, HIDDEN_SKY, 1)]
     if light.lamps:
         has_motor = np.isin(instances.model[instances.row >= 0], _MOTORS)
         motors = users[has_motor]

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from testing.lidar_scans import Box, scan, sensor, town
-from testing.worlds import straight_road
+from testing.lidar_scans import Box, bare_road, scan, sensor, town
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Float, Int
@@ -184,7 +183,7 @@ def test_a_stop_sign_hangs_on_its_pole_where_cameras_draw_it_and_dazzles() -> No
 
 
 def test_traffic_lights_stand_right_of_their_lane() -> None:
-    plain = straight_road(30.0)
+    plain = bare_road(30.0)
     lane = replace(plain.lanes["r_0"], lights={"next": "tls:0"})
     roads = replace(plain, lanes={"r_0": lane})
     names = load_street_furniture(roads).names
