@@ -81,13 +81,16 @@ def test_street_lamps_light_the_ground_below_them_at_night_only() -> None:
     lamp = np.array((furniture.x[row], furniture.y[row]))
     lane = min(roads.driving, key=lambda one: float(np.hypot(*(one.centre.xy - lamp).T).min()))
     s, _ = lane.centre.project(*lamp.tolist())
-    below, beside = (np.array([lane.centre.at(s + ahead)]) for ahead in (0.0, 13.0))
-    scene = build_scene([place_car(*lane.centre.at(s + 17.0), lane.centre.yaw_at(s + 17.0))])
     view = {"x": -10.0, "z": 6.0, "fov_deg": 120.0}
-    night = [look_down(scene, roads, points, light="night", **view)[0] for points in (below, beside)]
-    day = [look_down(scene, roads, points, light="cloudy", **view)[0] for points in (below, beside)]
-    assert night[0] > 1.5 * night[1]
-    assert day[0] == pytest.approx(day[1], rel=0.2)
+    shown: dict[str, list[float]] = {"night": [], "fog": []}
+    for place in (s, s + 16.0):  # below the lamp, and half way to the next one; both behind the own head lamps
+        car = place_car(*lane.centre.at(place + 18.0), lane.centre.yaw_at(place + 18.0))
+        for light, values in shown.items():
+            values.append(
+                look_down(build_scene([car]), roads, np.array([lane.centre.at(place)]), light=light, **view)[0]
+            )
+    assert shown["night"][0] > 1.5 * shown["night"][1]
+    assert shown["fog"][0] == pytest.approx(shown["fog"][1], rel=0.2)
 
 
 def test_a_picture_does_not_depend_on_what_was_drawn_before() -> None:
