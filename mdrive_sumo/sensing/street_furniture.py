@@ -208,7 +208,7 @@ def _find_near(xy: Float, own: Float, starts: Float, ends: Float, room: Float) -
     is_near = np.zeros(len(xy), dtype=np.bool_)
     reach = own.max(initial=0.0) + room.max(initial=0.0) + 1.0
     boxes = shapely.box(*(xy - reach).T, *(xy + reach).T)
-    segments = shapely.linestrings(np.stack((starts, ends), axis=1))
+    segments = np.atleast_1d(np.asarray(shapely.linestrings(np.stack((starts, ends), axis=1)), dtype=object))
     point, segment = shapely.STRtree(segments).query(boxes)
     start, along = starts[segment], ends[segment] - starts[segment]
     step = xy[point] - start

@@ -20,7 +20,9 @@ from mdrive_sumo.sensing.camera.instances import (
     FAR_MODEL,
     INSTANCE_FORMAT,
     INSTANCE_NAMES,
+    LAMP_MODEL,
     MODEL_VERTICES,
+    Instances,
 )
 from mdrive_sumo.sensing.camera.light_map import LightMapPainter
 from mdrive_sumo.sensing.camera.meshes import (
@@ -112,17 +114,16 @@ class CameraRenderer:
         model = picture.model
         target = self._targets.get((model.kind, model.width, model.height))
         self._view.write(pack_view(picture).tobytes())
-        if model.kind is ImageKind.RGB:
-            self._light_map.show(picture)
+        rows = self._light_map.show(picture) if model.kind is ImageKind.RGB else picture.instances.rows
         target.use()
         self._prepare_target(target, picture)
-        self._draw_instances(picture)
+        self._draw_instances(picture, rows)
         self._draw_static(picture)
         if model.kind is ImageKind.RGB:
             self._draw_sky(picture)
         components, dtype = _TEXTURES[model.kind]
         shape = (model.height, model.width, components)[: 3 if components > 1 else 2]
-        image = np.empty(shape, dtype=_ELEMENTS[dtype])
+        image: npt.NDArray[Any] = np.empty(shape, dtype=_ELEMENTS[dtype])
         target.read_into(image, components=components, alignment=1, dtype=dtype)
         return smooth_edges(image) if model.kind is ImageKind.RGB else image
 
@@ -157,14 +158,15 @@ class CameraRenderer:
     def _prepare_target(self, target: "moderngl.Framebuffer", picture: Picture) -> None:
         kind = picture.model.kind
         if kind is ImageKind.RGB:  # what wet ground mirrors where there are no bodies
-            target.clear(*(picture.exposure * value for value in picture.light.horizon), 1.0, depth=1.0)
+            red, green, blue = (picture.exposure * value for value in picture.light.horizon)
+            target.clear(red, green, blue, 1.0, depth=1.0)
         else:
             background = {ImageKind.SEMANTIC: float(SemanticClass.SKY), ImageKind.DEPTH: FAR_PLANE_M}.get(kind, 0.0)
             _clear(target, kind, background)
         self._context.enable(self._context.DEPTH_TEST | self._context.CULL_FACE)
 
-    def _draw_instances(self, picture: Picture) -> None:
-        """Draw the road users and lamps that may be in the picture."""
+    def _draw_instances(self, picture: Picture, rows: Instances) -> None:
+        """Draw the road users and lamps that may be in the picture. rows: of all instances, in their order."""
         instances, view = picture.instances, picture.view
         visible = picture.model.may_show(view, instances.centre + picture.scene.origin[:2], instances.radius)
         if picture.without is not None:
@@ -176,15 +178,13 @@ class CameraRenderer:
         is_far = portable.hypot(away[:, 0], away[:, 1]) > FAR_M_OF_FOCAL * picture.model.focal_px
         models = np.where(is_far, FAR_MODEL[instances.model[chosen]], instances.model[chosen])
         order = np.argsort(models, kind="stable")
-        rows = instances.rows[chosen[order]]
-        if picture.model.kind is ImageKind.RGB:
-            rows = self._light_map.shade(rows)
-        arrays = self._models.get(self._instances.write(rows.tobytes()))
+        arrays = self._models.get(self._instances.write(rows[chosen[order]].tobytes()))
         runs = list_instance_commands(models[order])
         self._draw_runs(picture, arrays, runs, True)
         if picture.is_wet:
             self._context.front_face = "ccw"
-            self._draw_runs(picture, arrays, runs, True, is_mirrored=True)
+            near = np.sort(models[models <= LAMP_MODEL])  # simpler models come last: their mirror images are tiny
+            self._draw_runs(picture, arrays, list_instance_commands(near), True, is_mirrored=True)
             self._context.front_face = "cw"
 
     def _draw_static(self, picture: Picture) -> None:

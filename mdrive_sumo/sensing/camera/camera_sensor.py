@@ -94,7 +94,7 @@ class CameraSensor:
         """Return the mean of the pictures, in colours with the errors of the camera."""
         image = pictures[0]
         if len(pictures) > 1:
-            image = (np.mean(pictures, axis=0, dtype=np.float32) + np.float32(0.5)).astype(np.uint8)
+            image = np.floor(np.mean(np.stack(pictures), axis=0, dtype=np.float32) + 0.5).astype(np.uint8)
         return self._errors.spoil(image, self._fitting.seed, tick) if self._model.kind is ImageKind.RGB else image
 
     def _finish(self, scene: SensingFrame, pixels: npt.NDArray[Any]) -> CameraImage:

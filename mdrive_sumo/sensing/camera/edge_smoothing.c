@@ -4,7 +4,7 @@
 
 #include "../../core/compiled/values.h"
 
-enum { LEAST_JUMP = 16, SEARCH_PX = 6 };
+enum { LEAST_JUMP = 21, SEARCH_PX = 6 };
 
 typedef struct {
     Py_ssize_t height, width;
@@ -73,7 +73,7 @@ static void find_edges(const unsigned char *at, Py_ssize_t width, Py_ssize_t cou
         const unsigned char *here = at + i;
         unsigned char low = least(least(least(here[0], here[-width]), least(here[width], here[-1])), here[1]);
         unsigned char high = most(most(most(here[0], here[-width]), most(here[width], here[-1])), here[1]);
-        unsigned char needed = most(LEAST_JUMP, high >> 3);
+        unsigned char needed = most(LEAST_JUMP, (unsigned char)((high >> 3) + (high >> 5)));
         edges[i] = (unsigned char)(high - low) >= needed ? 255 : 0;
     }
 }

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.sensing.camera.draw_commands import COLUMNS, list_chunk_commands
 from mdrive_sumo.sensing.camera.gl_context import GrowingBuffer, RecentObjects
-from mdrive_sumo.sensing.camera.instances import INSTANCE_FORMAT, INSTANCE_NAMES, Instances, SceneInstances
+from mdrive_sumo.sensing.camera.instances import INSTANCE, INSTANCE_FORMAT, INSTANCE_NAMES, Instances, SceneInstances
 from mdrive_sumo.sensing.camera.lighting import Lighting
 from mdrive_sumo.sensing.camera.meshes import FIRST_GROUND, VERTEX_FORMAT, VERTEX_NAMES
 from mdrive_sumo.sensing.camera.picture import MAP_PIXEL_M, MAP_PX, Picture
@@ -25,8 +25,8 @@ from mdrive_sumo.sensing.camera.static_scene import Chunks, StaticScene
 from mdrive_sumo.sensing.lidar_returns import draw_bits
 from mdrive_sumo.sensing.lidar_world import BUILDING_M
 
-TILE_PX, TILE_STEP_PX, MOST_TILES = 800, 256, 8
-"""Pixels along a side of a tile with what stands still and from one to the next, and how many are kept (2.6 MB each).
+TILE_PX, TILE_STEP_PX, MOST_TILES = 640, 256, 8
+"""Pixels along a side of a tile with what stands still and from one to the next, and how many are kept (1.6 MB each).
 A tile reaches half a map beyond every place that is nearer to its middle than to those of others."""
 WEAR_PX, WEAR_GRIDS = TILE_STEP_PX, {64: 2, 16: 3, 4: 3, 1: 2}
 """Pixels after which worn ground repeats itself, and the weights of grids by the pixels between their lines: 12.8 m to
@@ -108,43 +108,35 @@ class LightMapPainter:
         self._texture.repeat_x = self._texture.repeat_y = False
         self._target = context.framebuffer([self._texture])
         self._tile_target = context.framebuffer([context.texture((TILE_PX, TILE_PX), 4)])
-        self._tile: _Tile | None = None
+        self._shaded: Instances = np.zeros(0, dtype=INSTANCE)
         self._shown: tuple[SceneInstances, Lighting, tuple[int, ...]] | None = None
 
-    def show(self, picture: Picture) -> None:
-        """Have the map of a picture as texture 0, drawn unless the picture before had the same."""
+    def show(self, picture: Picture) -> Instances:
+        """Have the map of a picture as texture 0, drawn unless the picture before had the same.
+
+        Returns the instances with what shadows and lamps of what stands still do to them.
+        """
         cell = picture.map_cell
         shown, wanted = self._shown, (picture.instances, picture.light, tuple(cell.tolist()))
         if shown is None or shown[0] is not wanted[0] or shown[1:] != wanted[1:]:
             self._shown = wanted
             self._draw(picture, cell)
         self._texture.use(0)
-
-    def shade(self, rows: Instances) -> Instances:
-        """Return instances with what the shadows and lamps of the last map, of what stands still, do to them."""
-        assert self._tile is not None, "a map was shown"
-        tile, shaded = self._tile, rows.copy()
-        pixels, origin = self._tiles.get(tile), tile.scene.origin[:2]
-        reach = rows["turn"] * (rows["size"][:, :1] / 3)
-        places = np.stack([rows["place"][:, :2] + share * reach for share in (-1, 0, 1)]) + origin
-        x, y = np.moveaxis(np.floor(places / MAP_PIXEL_M).astype(np.int64) - tile.cell, -1, 0)
-        inside = (x >= 0) & (x < TILE_PX) & (y >= 0) & (y < TILE_PX)
-        seen = pixels[np.where(inside, y, 0), np.where(inside, x, 0)] * inside[..., None]
-        mean = seen.astype(np.int64).sum(axis=0) // len(places)
-        shaded["shade"][:, 0], shaded["shade"][:, 1] = mean[:, 0], mean[:, 2]
-        return shaded
+        return self._shaded
 
     def _draw(self, picture: Picture, cell: Int) -> None:
         column, row = ((cell + (MAP_PX + TILE_STEP_PX) // 2) // TILE_STEP_PX).tolist()
         tile = _Tile(picture.scene, picture.light, column, row)
         x, y = (cell - tile.cell).tolist()
-        self._tile = tile
-        still = self._tiles.get(tile)[y : y + MAP_PX, x : x + MAP_PX].copy()
+        pixels = self._tiles.get(tile)
+        self._shaded = shade_instances(
+            picture.instances.rows, pixels, tile.cell * MAP_PIXEL_M - picture.scene.origin[:2]
+        )
+        still = pixels[y : y + MAP_PX, x : x + MAP_PX].copy()
         still[0] = still[-1] = still[:, 0] = still[:, -1] = (0, 0, 0, 128)  # what lies beyond the map has no shadow
         self._texture.write(still)
         self._target.use()
         self._target.viewport = (1, 1, MAP_PX - 2, MAP_PX - 2)
-        origin = picture.scene.origin[:2]
         self._place(cell * MAP_PIXEL_M - origin + MAP_PIXEL_M, MAP_PX - 2, picture.light)
         with _MostOfAll(self._context):
             self._draw_users(picture.instances, picture.light)
@@ -217,6 +209,22 @@ def _blend(values: Int, following: Int, width: int, axis: int) -> Int:
     """Return values with `width` steps from each to the one that follows along an axis."""
     share = np.tile(np.arange(width), values.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1))
     return (values.repeat(width, axis) * (width - share) + following.repeat(width, axis) * share) // width
+
+
+def shade_instances(rows: Instances, pixels: npt.NDArray[np.uint8], corner: Float) -> Instances:
+    """Return instances with the shadow and lamplight of a tile (TILE_PX, TILE_PX, 4) at their middle, front and rear.
+
+    corner: (2,) lower left corner of the tile [m] relative to the scene's origin. Beyond the tile there is none.
+    """
+    shaded = rows.copy()
+    reach = rows["turn"] * (rows["size"][:, :1] / 3)
+    places = np.stack([rows["place"][:, :2] + share * reach for share in (-1, 0, 1)]).astype(np.float64) - corner
+    x, y = np.moveaxis(np.floor(places / MAP_PIXEL_M).astype(np.int64), -1, 0)
+    inside = (x >= 0) & (x < TILE_PX) & (y >= 0) & (y < TILE_PX)
+    values = pixels[np.where(inside, y, 0), np.where(inside, x, 0)] * inside[..., None]
+    mean = values.astype(np.int64).sum(axis=0) // len(places)
+    shaded["shade"][:, 0], shaded["shade"][:, 1] = mean[:, 0], mean[:, 2]
+    return shaded
 
 
 class _MostOfAll:

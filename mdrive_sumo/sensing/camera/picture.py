@@ -12,8 +12,9 @@ from mdrive_sumo.sensing.camera.lighting import Lighting
 from mdrive_sumo.sensing.camera.shaders import FOG_STEPS
 from mdrive_sumo.sensing.camera.static_scene import StaticScene
 
-MAP_PX, MAP_PIXEL_M = 512, 0.2
-"""Pixels along a side of the light map, and what each covers [m]: about what one of an image shows 30 m away."""
+MAP_PX, MAP_PIXEL_M = 384, 0.2
+"""Pixels along a side of the light map, and what each covers [m]: about what one of an image shows 30 m away, and 38 m
+away the ground of a flat scene has 12 rows of an image 224 pixels high left to the horizon."""
 
 
 @dataclass(frozen=True, slots=True)
