@@ -129,9 +129,8 @@ class LightMapPainter:
         tile = _Tile(picture.scene, picture.light, column, row)
         x, y = (cell - tile.cell).tolist()
         pixels = self._tiles.get(tile)
-        self._shaded = shade_instances(
-            picture.instances.rows, pixels, tile.cell * MAP_PIXEL_M - picture.scene.origin[:2]
-        )
+        origin = picture.scene.origin[:2]
+        self._shaded = shade_instances(picture.instances.rows, pixels, tile.cell * MAP_PIXEL_M - origin)
         still = pixels[y : y + MAP_PX, x : x + MAP_PX].copy()
         still[0] = still[-1] = still[:, 0] = still[:, -1] = (0, 0, 0, 128)  # what lies beyond the map has no shadow
         self._texture.write(still)
