@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import SemanticClass, SensorSpec
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Int
 from mdrive_sumo.sensing.camera.camera_model import FAR_PLANE_M, ImageKind
 from mdrive_sumo.sensing.camera.draw_commands import CommandRuns, list_chunk_commands, list_instance_commands
 from mdrive_sumo.sensing.camera.edge_smoothing import smooth_edges
@@ -96,6 +97,8 @@ class CameraRenderer:
         self._commands = GrowingBuffer(context)
         self._instances = GrowingBuffer(context)
         self._models = RecentObjects[Any](1, self._build_models)
+        self._user_arrays: Any = None
+        """What reads the instances of the picture."""
         terrain = self._terrain = context.buffer(reserve=_build_terrain().nbytes, dynamic=True)
         self._terrain_arrays = _VertexArrays(self, terrain)
         vertex, fragment = write_sky_shaders()
@@ -116,9 +119,12 @@ class CameraRenderer:
         self._view.write(pack_view(picture).tobytes())
         rows = self._light_map.show(picture) if model.kind is ImageKind.RGB else picture.instances.rows
         target.use()
-        self._prepare_target(target, picture)
-        self._draw_instances(picture, rows)
+        self._prepare_target(target, model.kind)
+        models = self._draw_instances(picture, rows)
         self._draw_static(picture)
+        if picture.is_wet:
+            self._draw_mirrored(picture, models, target)
+        self._draw_terrain(picture)
         if model.kind is ImageKind.RGB:
             self._draw_sky(picture)
         components, dtype = _TEXTURES[model.kind]
@@ -155,47 +161,53 @@ class CameraRenderer:
     def _build_models(self, instances: Any) -> _VertexArrays:
         return _VertexArrays(self, self._context.buffer(MODEL_VERTICES.tobytes()), instances)
 
-    def _prepare_target(self, target: "moderngl.Framebuffer", picture: Picture) -> None:
-        kind = picture.model.kind
-        if kind is ImageKind.RGB:  # what wet ground mirrors where there are no bodies
-            red, green, blue = (picture.exposure * value for value in picture.light.horizon)
-            target.clear(red, green, blue, 1.0, depth=1.0)
-        else:
-            background = {ImageKind.SEMANTIC: float(SemanticClass.SKY), ImageKind.DEPTH: FAR_PLANE_M}.get(kind, 0.0)
-            _clear(target, kind, background)
+    def _prepare_target(self, target: "moderngl.Framebuffer", kind: ImageKind) -> None:
+        background = {ImageKind.SEMANTIC: float(SemanticClass.SKY), ImageKind.DEPTH: FAR_PLANE_M}.get(kind, 0.0)
+        _clear(target, kind, background)
         self._context.enable(self._context.DEPTH_TEST | self._context.CULL_FACE)
 
-    def _draw_instances(self, picture: Picture, rows: Instances) -> None:
-        """Draw the road users and lamps that may be in the picture. rows: of all instances, in their order."""
+    def _draw_instances(self, picture: Picture, rows: Instances) -> Int:
+        """Draw the road users and lamps that may be in the picture. rows: of all instances, in their order.
+
+        Returns the model of each that was drawn, in the order of the buffer.
+        """
         instances, view = picture.instances, picture.view
         visible = picture.model.may_show(view, instances.centre + picture.scene.origin[:2], instances.radius)
         if picture.without is not None:
             visible &= instances.row != picture.without
         chosen = np.flatnonzero(visible)
         if not len(chosen):
-            return
+            return chosen
         away = instances.centre[chosen] + picture.scene.origin[:2] - view.place[:2]
         is_far = portable.hypot(away[:, 0], away[:, 1]) > FAR_M_OF_FOCAL * picture.model.focal_px
         models = np.where(is_far, FAR_MODEL[instances.model[chosen]], instances.model[chosen])
         order = np.argsort(models, kind="stable")
-        arrays = self._models.get(self._instances.write(rows[chosen[order]].tobytes()))
-        runs = list_instance_commands(models[order])
-        self._draw_runs(picture, arrays, runs, True)
-        if picture.is_wet:
-            self._context.front_face = "ccw"
-            near = np.sort(models[models <= LAMP_MODEL])  # simpler models come last: their mirror images are tiny
-            self._draw_runs(picture, arrays, list_instance_commands(near), True, is_mirrored=True)
-            self._context.front_face = "cw"
+        self._user_arrays = self._models.get(self._instances.write(rows[chosen[order]].tobytes()))
+        self._draw_runs(picture, self._user_arrays, list_instance_commands(models[order]), True)
+        return models[order]
 
     def _draw_static(self, picture: Picture) -> None:
         scene = picture.scene
         visible = picture.model.may_show(picture.view, scene.chunks.centre + scene.origin[:2], scene.chunks.radius)
-        if picture.is_wet:
-            self._context.enable(self._context.BLEND)
-            self._context.blend_equation = self._context.FUNC_ADD
-            self._context.blend_func = self._context.SRC_ALPHA, self._context.ONE_MINUS_SRC_ALPHA
         self._draw_runs(picture, self._scenes.get(scene), list_chunk_commands(scene.chunks, visible), False)
-        self._context.disable(self._context.BLEND)
+
+    def _draw_mirrored(self, picture: Picture, models: Int, target: "moderngl.Framebuffer") -> None:
+        """Draw what the wet ground that was drawn mirrors; grass comes later and covers it."""
+        context = self._context
+        near = models[models <= LAMP_MODEL]  # simpler models come last: their mirror images are tiny
+        context.front_face = "ccw"
+        context.enable(context.BLEND)
+        context.blend_equation = context.FUNC_ADD
+        context.blend_func = context.SRC_ALPHA, context.ONE_MINUS_SRC_ALPHA
+        target.depth_mask = False
+        target.use()
+        self._draw_runs(picture, self._user_arrays, list_instance_commands(near), True, is_mirrored=True)
+        target.depth_mask = True
+        target.use()
+        context.disable(context.BLEND)
+        context.front_face = "cw"
+
+    def _draw_terrain(self, picture: Picture) -> None:
         self._terrain.write(_place_terrain(picture).tobytes())
         self._terrain_arrays.get(_choose_program(picture, Surface.ROUGH, False, is_wet=False)).render()
 
@@ -246,7 +258,7 @@ def _choose_program(
 
 def _clear(target: Any, kind: ImageKind, value: float) -> None:
     """Fill a target; moderngl clears with floats, which integer textures do not take."""
-    if kind is ImageKind.DEPTH:
+    if kind in (ImageKind.RGB, ImageKind.DEPTH):
         target.clear(value, value, value, 1.0, depth=1.0)
         return
     texture = target.color_attachments[0]

@@ -84,7 +84,8 @@ void put(vec3 world) {
     gl_Position = clip * vec4(world, 1.0);
     float solid = 0.99 * gl_Position.z - 0.01 * gl_Position.w;
 #ifdef MIRRORED
-    gl_Position.z = 0.9985 * gl_Position.w + 0.001 * gl_Position.z;  // behind all layers of the ground
+    // Between all solids and all layers of the ground.
+    gl_Position.z = 0.985 * gl_Position.w - 0.05 + 0.002 * (gl_Position.z - gl_Position.w);
     return;
 #endif
     gl_Position.z = kind.z == 0u ? solid : (0.99 + 0.001 * float(kind.z)) * gl_Position.w - 0.05;
@@ -128,6 +129,11 @@ float find_beam(vec3 offset, float away) {
     near *= near;
     return ahead_m > 0.0 ? cone * near * near : 0.0;
 }
+// Share of light that wet ground mirrors: the more the flatter it is seen (Fresnel; here of a rough surface, by eye).
+float find_mirrored(float away) {
+    float flat_view = max(1.0 - 1.6 * eye.z / away, 0.0);
+    return 0.06 + 0.5 * flat_view * flat_view;
+}
 vec3 fade(vec3 seen, float away) {
     float clear = max(1.0 - away * horizon.w, 0.0);  // (1 - x / 16)^16 is nearly exp(-x), and needs no table
     clear *= clear;
@@ -140,6 +146,9 @@ vec3 fade(vec3 seen, float away) {
 _RGB_VERTEX = """
 #if defined(PLAIN_SURFACE)
 out vec3 v_seen;         // bodies are small: their corners are enough
+#ifdef MIRRORED
+out float v_share;
+#endif
 vec3 v_offset, v_shown, v_lit;
 #else
 out vec3 v_offset;
@@ -214,7 +223,7 @@ void main() {
 #endif
     v_seen = fade(v_shown, away);
 #ifdef MIRRORED
-    v_seen = mix(v_seen, horizon.rgb, clamp(-0.3 * world.z, 0.0, 1.0));  // rough ground mirrors what is close to it
+    v_share = 1.4 * find_mirrored(away) * clamp(1.0 + 0.3 * world.z, 0.0, 1.0);  // rough ground: less of what is high
 #endif
 #elif defined(FACADE_SURFACE)
     v_wall = vec2(dot(world.xy, vec2(-facing.y, facing.x)) / 3.0, world.z / 3.3);
@@ -229,7 +238,12 @@ _RGB_FRAGMENT = """
 out vec4 pixel;
 #if defined(PLAIN_SURFACE)
 in vec3 v_seen;
+#ifdef MIRRORED
+in float v_share;
+void main() { pixel = vec4(v_seen, v_share); }
+#else
 void main() { pixel = vec4(v_seen, 1.0); }
+#endif
 #else
 uniform sampler2D light_map;
 in vec3 v_offset;
@@ -286,13 +300,13 @@ void main() {
     seen = paint * v_light;
 #endif
 #endif
+    seen = fade(seen, away);
 #if defined(GROUND) && defined(WET)
-    // Wet ground mirrors more the flatter it is seen (Schlick 1994: the fifth power, here of a rough surface).
-    float flat_view = max(1.0 - 1.6 * eye.z / away, 0.0);
-    float clear_share = 1.0 - (0.06 + 0.5 * flat_view * flat_view) * (0.55 + 0.9 * fallen.a);
-    pixel = vec4(fade(seen, away), clear_share);
-#else
-    pixel = vec4(fade(seen, away), 1.0);
+    seen = mix(seen, horizon.rgb, find_mirrored(away) * (0.55 + 0.9 * fallen.a));
+#endif
+    pixel = vec4(seen, 1.0);
+#ifdef MIRRORED
+    pixel.a = find_mirrored(away);
 #endif
 }
 #endif
