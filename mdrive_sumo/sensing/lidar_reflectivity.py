@@ -18,7 +18,7 @@ from mdrive_sumo.sensing.street_furniture import FurnitureKind, StreetFurniture
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
+class ReflectiveSurface:
     """Two parts of a body, one above the other, and the ranges from which their reflectivities are drawn."""
 
     lower: tuple[float, float]
@@ -33,26 +33,26 @@ CLOTHES, RETROREFLECTOR = (0.05, 0.8), 4.0
 """A dark dye with carbon absorbs, others let near infrared through. A retroreflector saturates the sensor."""
 SURFACE_OF_KIND = {
     # Paint: carbon black to white. Windows: little of glass itself, pillars and, through the glass twice, seats.
-    Kind.VEHICLE: Surface((0.04, 0.85), (0.05, 0.6), 0.62, RETROREFLECTOR),
-    Kind.PEDESTRIAN: Surface(CLOTHES, CLOTHES, 0.5),
-    Kind.CYCLIST: Surface((0.04, 0.7), CLOTHES, 0.5),  # tyres, frame and legs; clothes
-    Kind.STATIC: Surface((0.04, 0.85), (0.04, 0.85), 0.5),  # rubber, concrete, wood, white plastic
+    Kind.VEHICLE: ReflectiveSurface((0.04, 0.85), (0.05, 0.6), 0.62, RETROREFLECTOR),
+    Kind.PEDESTRIAN: ReflectiveSurface(CLOTHES, CLOTHES, 0.5),
+    Kind.CYCLIST: ReflectiveSurface((0.04, 0.7), CLOTHES, 0.5),  # tyres, frame and legs; clothes
+    Kind.STATIC: ReflectiveSurface((0.04, 0.85), (0.04, 0.85), 0.5),  # rubber, concrete, wood, white plastic
 }
-BUILDING = Surface((0.1, 0.85), (0.1, 0.85), 0.3)
+BUILDING = ReflectiveSurface((0.1, 0.85), (0.1, 0.85), 0.3)
 """Ground floor and the floors above: dark brick to white masonry (0.85)."""
-PLANT = Surface((0.25, 0.7), (0.25, 0.7), 0.2)
+PLANT = ReflectiveSurface((0.25, 0.7), (0.25, 0.7), 0.2)
 """Bark, conifers (0.3), broad leaves (0.6)."""
 PLANTS = frozenset(("tree", "hedge", "wood", "planting"))
 """Words in ids of buildings that are plants: networks have all that blocks sight as buildings."""
 SURFACE_OF_FURNITURE = {
-    FurnitureKind.POLE: Surface((0.2, 0.6), (0.2, 0.6)),  # zinc and paint
-    FurnitureKind.SIGN: Surface((RETROREFLECTOR, RETROREFLECTOR), (RETROREFLECTOR, RETROREFLECTOR)),
-    FurnitureKind.SIGNAL: Surface((0.05, 0.3), (0.05, 0.3)),  # dark plastic
-    FurnitureKind.LAMP: Surface((0.2, 0.6), (0.2, 0.6)),
+    FurnitureKind.POLE: ReflectiveSurface((0.2, 0.6), (0.2, 0.6)),  # zinc and paint
+    FurnitureKind.SIGN: ReflectiveSurface((RETROREFLECTOR, RETROREFLECTOR), (RETROREFLECTOR, RETROREFLECTOR)),
+    FurnitureKind.SIGNAL: ReflectiveSurface((0.05, 0.3), (0.05, 0.3)),  # dark plastic
+    FurnitureKind.LAMP: ReflectiveSurface((0.2, 0.6), (0.2, 0.6)),
     FurnitureKind.TRUNK: PLANT,
     FurnitureKind.CROWN: PLANT,
 }
-ASPHALT = Surface((0.1, 0.25), (0.1, 0.25))
+ASPHALT = ReflectiveSurface((0.1, 0.25), (0.1, 0.25))
 """About 0.17 with pebbles."""
 WET_SHARE = 0.7
 """Of what dry ground reflects: sand has 0.57 dry and 0.41 wet."""
@@ -78,7 +78,7 @@ class ReflectivityDraws:
     """Draws what everything of an episode reflects: by owner the ground, the boxes, the buildings, the furniture."""
 
     def __init__(self, roads: RoadMap, furniture: StreetFurniture, salt: int, is_wet: bool) -> None:
-        """salt: of this episode, so that nobody can compute from its reflectivity which instance something is."""
+        """salt: of this episode, so that no reflectivity tells which instance something is."""
         self._salt = salt
         share = WET_SHARE if is_wet else 1.0
         self._ground = [tuple(share * value for value in self._draw("ground", ASPHALT, 0.0))]
@@ -106,7 +106,7 @@ class ReflectivityDraws:
         rows = [*self._ground, *(self._rows[name] for name in boxes.ids), *self._still]
         return Reflectivities(*np.array(rows, dtype=np.float32).T.copy())
 
-    def _draw(self, name: str, surface: Surface, height_m: float) -> Row:
+    def _draw(self, name: str, surface: ReflectiveSurface, height_m: float) -> Row:
         first, second, *_ = draw_uniforms(self._salt, "reflectivity", name)
         (low, high), (upper_low, upper_high) = surface.lower, surface.upper
         lower, upper = low + (high - low) * first, upper_low + (upper_high - upper_low) * second

@@ -16,11 +16,11 @@ from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.sensing.camera.draw_commands import COLUMNS, list_chunk_commands
 from mdrive_sumo.sensing.camera.gl_context import GrowingBuffer, RecentObjects
 from mdrive_sumo.sensing.camera.instances import INSTANCE, INSTANCE_FORMAT, INSTANCE_NAMES, Instances, SceneInstances
+from mdrive_sumo.sensing.camera.light_map_shaders import write_shadow_shaders, write_spot_shaders
 from mdrive_sumo.sensing.camera.lighting import Lighting
 from mdrive_sumo.sensing.camera.meshes import FIRST_GROUND, VERTEX_FORMAT, VERTEX_NAMES
 from mdrive_sumo.sensing.camera.picture import MAP_PIXEL_M, MAP_PX, Picture
 from mdrive_sumo.sensing.camera.road_user_models import SHADOW_MODELS, RoadUserModel
-from mdrive_sumo.sensing.camera.shaders import write_shadow_shaders, write_spot_shaders
 from mdrive_sumo.sensing.camera.static_scene import Chunks, StaticScene
 from mdrive_sumo.sensing.lidar_returns import draw_bits
 from mdrive_sumo.sensing.lidar_world import BUILDING_M
