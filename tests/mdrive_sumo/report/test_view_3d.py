@@ -188,9 +188,9 @@ def test_the_picture_is_like_that_of_the_camera_renderer(view: Any) -> None:
         view.evaluate("(name) => view.setWeather(name)", weather)
         view.evaluate("view.setSignals({ c: 'OOOOOOOO' })")
         look(view, x, y, yaw, "four")
-        picture = Picture(
-            model, camera_view, scene, load_instances(nobody, scene), LIGHTS[weather], heading, camera_view.place[:2]
-        )
+        light = replace(LIGHTS[weather], street=0.0)  # the view has no light on the ground but that of head lamps
+        instances = load_instances(nobody, scene)
+        picture = Picture(model, camera_view, scene, instances, light, heading, camera_view.place[:2])
         expected, classes = draw(picture), draw(replace(picture, model=replace(model, kind=ImageKind.SEMANTIC)))
         shown = np.array(view.evaluate("sample(640, 360)")).reshape(90, 160, 3)
         for kind in (SemanticClass.ROAD, SemanticClass.BUILDING, SemanticClass.SKY, SemanticClass.TERRAIN):
