@@ -1,8 +1,8 @@
 """Smooth the edges of a drawn image, so that lines are no stairs: antialiasing after drawing.
 
 As Lottes (FXAA, NVIDIA 2009) does it: where brightness jumps, the ends of the edge are looked for along it, and the
-pixel is mixed with the one beyond by where it lies between them. In whole numbers, so that all machines agree. With four
-samples a pixel Mesa's software renderer took 2.2 times as long for an image (docs/cameras.md).
+pixel is mixed with the one beyond by where it lies between them. In whole numbers, so that all machines agree. Four
+samples a pixel took 2.2 times as long as one (docs/cameras.md).
 """
 
 import numpy as np
