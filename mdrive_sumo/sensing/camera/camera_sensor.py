@@ -30,7 +30,7 @@ BLUR_STEPS = 4
 CAMERA_MS, CAMERA_PIXEL_MS = 1.2, 2.7e-5
 """Price of an image, and of each of its pixels [ms], drawn by Mesa's software renderer on one core; measured 1.9 ms for
 400 x 224 pixels and 4.4 ms for 900 x 256, on a machine that is 1.1 to 1.7 times as fast as that of the prices of other
-sensors (`sensor_kinds.price_sensor`). Since then images have got shadows, lamps and smooth edges and take 1.05 to 1.7
+sensors (`sensor_kinds.price_sensor`). Since then images have got shadows, lamps and smooth edges and take 1.3 to 1.7
 times as long (docs/cameras.md); the price has not followed, since rigs are chosen by it."""
 LABELLED_IMAGES = (ImageKind.SEMANTIC.value, ImageKind.INSTANCE.value)
 """Kinds of images that say what each pixel shows."""
