@@ -38,6 +38,7 @@ _TILE_BYTES = 3
 """Index and confidence of a tile."""
 _MILLI = 1000.0
 _CONFIDENCE_STEPS = 255.0
+"""Of a confidence from 0 to 1, which a message holds in a byte."""
 
 
 class FeatureParts(NamedTuple):

@@ -49,6 +49,7 @@ def _with_points(low: int, high: int) -> BoxGroup:
 
 
 MANY = 2**31
+"""More points than `box_points` (uint16) can hold: no upper bound."""
 GROUPS: Mapping[str, BoxGroup] = MappingProxyType(
     {
         "all": _within(0.0, np.inf),

@@ -4,7 +4,7 @@ import hashlib
 import os
 import subprocess
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
 from functools import lru_cache
 from pathlib import Path
 
@@ -186,11 +186,11 @@ def test_shares_come_near_those_that_are_aimed_at() -> None:
     """Expected shares over the kinds of places, from the weights themselves."""
     import random
 
-    rng, found = random.Random(1), Counter[str]()
+    rng, found = random.Random(1), defaultdict[str, float](float)
     for kind, share in KIND_SHARES.items():
         drawn = Counter(_draw_kind(kind, rng) for _ in range(400))
         for name, number in drawn.items():
-            found[name] += share * number / 400  # type: ignore[assignment]
+            found[name] += share * number / 400
     aims = {TEMPLATE: TEMPLATE_SHARE, **{name: one.share for name, one in SITUATIONS.items()}}
     assert sum(aims.values()) == pytest.approx(1.0)
     assert set(found) == set(aims)
