@@ -55,7 +55,8 @@ class AnchorHead(nn.Module):
         tokens: (batch, T, WIDTH), few: what the plan is about. maps: (batch, channels, cells, cells).
         with_logits: `anchor_logits`, which losses need, instead of scores.
         """
-        thin = functional.pad(self.thin(maps).flatten(2), (0, 1))
+        # In single precision: the gradient of a cell is a sum over many anchors, which 8 bits of bfloat16 do not hold.
+        thin = functional.pad(self.thin(maps).float().flatten(2), (0, 1))
         under = thin.index_select(2, self.cells).unflatten(2, (ANCHORS, -1)).permute(0, 2, 3, 1).flatten(2)
         queries = self.look(self.shape(self.numbers) + self.local(under), self.tokens(tokens))
         logits = self.score(queries).float()
