@@ -31,6 +31,7 @@ def measure_detector(
     detector: str, checkpoint: Path, frames: FusionFrames, device: torch.device, report: Callable[[str], object]
 ) -> DetectorFigures:
     """Return the figures of a detector (also `late`) with the weights of a checkpoint. Raises InputError."""
+    torch.backends.cudnn.benchmark = False  # frames have any number of senders: as in training
     loaded = load_checkpoint(checkpoint, name_trained(detector))
     network = build_trained_network(loaded).to(device, memory_format=torch.channels_last)
     store = FrameStore(frames, device)
