@@ -24,8 +24,8 @@ class TrainingData:
         self._names = [image.name for image in spec.images]
         inputs = [*self._names, "navigation", "limits", *_name_optional(spec)]
         size = sum(arrays[name].nbytes for name in {*inputs, *LABELS})
-        place = device if _fits(size, device) else torch.device("cpu")
-        self._tensors = {name: torch.from_numpy(arrays[name]).to(place) for name in dict.fromkeys((*inputs, *LABELS))}
+        here = {name: torch.from_numpy(arrays[name]) for name in dict.fromkeys((*inputs, *LABELS))}
+        place, self._tensors = _place(here, size, device)
         self._previous = torch.from_numpy(arrays["previous"].astype(np.int64)).to(place)
         self._inputs = inputs
         self.place = place
@@ -54,6 +54,22 @@ class TrainingData:
 def _name_optional(spec: SystemSpec) -> tuple[str, ...]:
     used = {"route": spec.uses_route, "lidar": spec.uses_lidar, "instruction": spec.uses_instruction}
     return tuple(name for name, is_used in used.items() if is_used)
+
+
+def _place(here: dict[str, Tensor], size: int, device: torch.device) -> tuple[torch.device, dict[str, Tensor]]:
+    """Return where tensors lie now: another process may take the same room of a GPU between a look and a copy."""
+    if device.type != "cuda":
+        return device, {name: each.to(device) for name, each in here.items()}
+    if _fits(size, device):
+        try:
+            there = {name: each.to(device) for name, each in here.items()}
+        except torch.cuda.OutOfMemoryError:
+            there = {}
+        if there and _fits(0, device):
+            return device, there
+        there.clear()
+        torch.cuda.empty_cache()
+    return torch.device("cpu"), here
 
 
 def _fits(size: int, device: torch.device) -> bool:
