@@ -17,6 +17,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.sample_format import SCENARIOS_PER_PLACE
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
 from mdrive_sumo.learning.training import trainer as training
+from mdrive_sumo.learning.training import training_data
 from mdrive_sumo.learning.training.checkpoint import (
     CHECKPOINT_NAME,
     WEIGHTS_NAME,
@@ -50,6 +51,32 @@ def test_every_system_takes_steps(system: str, tmp_path: Path) -> None:
     trainer, data = make_trainer(system, replace(OPTIONS, steps=2, log_every=1))
     losses = trainer.train(data, np.ones(4), tmp_path)
     assert losses["total"] > 0 and {"plan", "occupancy", "agents"} <= set(losses)
+
+
+@pytest.mark.parametrize(("system", "plan_head"), [("tcp", "anchors"), ("uniad", "anchors"), ("vad", "waypoints")])
+def test_half_precision_has_nearly_the_same_losses_and_the_same_gradients(system: str, plan_head: str) -> None:
+    losses: list[dict[str, float]] = []
+    trained: list[set[str]] = []
+    for uses_bfloat16 in (False, True):
+        trainer, data = make_trainer(system, TrainingOptions(batch=2, plan_head=plan_head))
+        trainer.uses_bfloat16 = uses_bfloat16
+        parts = trainer._take_step(data, torch.ones(4, dtype=torch.float64), 0.0)
+        losses.append({name: float(part.detach()) for name, part in parts.items()})
+        named = {name: value.grad for name, value in trainer.network.named_parameters() if value.grad is not None}
+        assert all(bool(grad.isfinite().all()) for grad in named.values())
+        trained.append({name for name, grad in named.items() if bool(grad.any())})
+    assert losses[1] == pytest.approx(losses[0], rel=0.1, abs=0.05) and losses[1] != losses[0]
+    assert trained[1] == trained[0]
+
+
+def test_data_leaves_a_gpu_that_another_process_has_filled_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = {"own": torch.ones(2)}
+    looks = iter((True, False))
+    monkeypatch.setattr(training_data, "_fits", lambda *_: next(looks))
+    monkeypatch.setattr(torch.cuda, "empty_cache", lambda: None)
+    monkeypatch.setattr(torch.Tensor, "to", lambda each, _: each)
+    place, tensors = training_data._place(here, 8, torch.device("cuda"))
+    assert place == CPU and tensors is here
 
 
 def test_a_resumed_run_ends_as_an_uninterrupted_one(tmp_path: Path) -> None:

@@ -71,6 +71,7 @@ class Trainer:
         self.system = system
         self.options = options
         self.device = device
+        self.uses_bfloat16 = device.type == "cuda"
         self._report = report
         network = build_network(system, options.plan_head) if build is None else build(system)
         self.network = network.to(device, memory_format=torch.channels_last)
@@ -221,18 +222,23 @@ class Trainer:
         """Return the parts of the loss of the samples `rows` and their `total`; other trainers replace it."""
         assert isinstance(data, TrainingData)
         self.network.train()
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.device.type == "cuda"):
+        with self._autocast():
             inputs = augment_inputs(data.spec, data.take_inputs(rows), self.generator)
             if data.spec.uses_memory:
                 images, motion, is_there = data.take_previous(rows)
                 kept = torch.rand(len(rows), generator=self.generator, device=self.device) >= MEMORY_DROPOUT
                 inputs |= recall_previous(self.network, images, motion, is_there & kept)
+        # Apart: some versions of PyTorch keep weights that were cast without gradients up to the end of a block.
+        with self._autocast():
             answer = self.network(inputs, with_auxiliary=True)
         labels = data.take_labels(rows)
         parts = compute_losses(answer, labels)
         if "anchor_logits" in answer:
             parts |= compute_anchor_losses(answer, labels)
         return add_up(parts)
+
+    def _autocast(self) -> torch.autocast:
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.uses_bfloat16)
 
     def _check(self, parts: Mapping[str, Tensor], folder: Path) -> dict[str, float]:
         """Return the losses as numbers. Raises InputError if one is none."""

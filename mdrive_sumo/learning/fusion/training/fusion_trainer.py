@@ -71,7 +71,6 @@ class FusionTrainer(Trainer):
         self.teacher = None if teacher is None else teacher.to(device).eval().requires_grad_(False)
         self.is_alone = is_alone or detector == "none"
         self.summary |= {"is_gated": is_gated and detector in SHARING, "is_alone": self.is_alone}
-        self.uses_bfloat16 = device.type == "cuda"
         # Frames have any number of senders: each batch of a fusion has a shape of its own, and cuDNN would search the
         # fastest programs for each.
         torch.backends.cudnn.benchmark = detector not in SHARING
@@ -143,9 +142,6 @@ class FusionTrainer(Trainer):
                 forecast = network.forecast(answer.fused, tracks), build_occupancy_truth(motion, truth)
         seen = own if self.system in SHARING else truth
         return _Answered(answer, confidence, _replace_boxes(truth, boxes), _replace_boxes(seen, boxes), forecast)
-
-    def _autocast(self) -> torch.autocast:
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.uses_bfloat16)
 
     def _answer_shared(
         self,
