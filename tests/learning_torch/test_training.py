@@ -72,9 +72,16 @@ def test_half_precision_has_nearly_the_same_losses_and_the_same_gradients(system
 def test_data_leaves_a_gpu_that_another_process_has_filled_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
     here = {"own": torch.ones(2)}
     looks = iter((True, False))
-    monkeypatch.setattr(training_data, "_fits", lambda *_: next(looks))
+
+    def fits(*_: object) -> bool:
+        return next(looks)
+
+    def stay(each: torch.Tensor, _: object) -> torch.Tensor:
+        return each
+
+    monkeypatch.setattr(training_data, "_fits", fits)
     monkeypatch.setattr(torch.cuda, "empty_cache", lambda: None)
-    monkeypatch.setattr(torch.Tensor, "to", lambda each, _: each)
+    monkeypatch.setattr(torch.Tensor, "to", stay)
     place, tensors = training_data._place(here, 8, torch.device("cuda"))
     assert place == CPU and tensors is here
 
