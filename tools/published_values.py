@@ -7,6 +7,7 @@ the columns; the settings of the runs are JSON in the metadata of the file.
 import io
 import json
 import math
+import re
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,7 +36,13 @@ SCHEMA = pa.schema(
 columns are those of results."""
 LOADS = ("messages_s", "bytes_s", "busy_mean", "busy_greatest")
 """Further columns of files in which some run took a radio: what was sent in a second, and how busy the channel was."""
+SENT_RATE = "cav_kbit_s"
+"""Further column of files with budgets: payloads that a CAV sends, of all types [kbit/s], mean over the episode and its
+CAVs. In results that are read from a file it is a scalar of this name."""
+BUDGET_PART = r"budget-(\d+)"
+"""Part of the runs with a budget of so many bytes: the name of their folder."""
 LOAD_SCHEMA = pa.schema([*SCHEMA, *((name, pa.float64()) for name in LOADS)])
+SENT_SCHEMA = pa.schema([*SCHEMA, (SENT_RATE, pa.float64())])
 ALL_TYPES = "(all)"
 """Whose rates a file holds: those of all types together."""
 OPEN_SCHEMA = pa.schema(
@@ -47,6 +54,7 @@ OPEN_SCHEMA = pa.schema(
 """As above, of open loop. precision_counts: JSON, as in `open_loop.json`."""
 OPEN_LEFT_OUT: dict[str, Any] = {"digest": "", "skipped": {}, "failures": {}}
 InfoT = TypeVar("InfoT", bound=BaseModel)
+VALUES_FOLDER = Path(__file__).parents[1] / "docs/results/values"
 Values = Mapping[str, Sequence[Results]]
 """Runs by part of a study; those that are no part of one are `WHOLE`."""
 WHOLE = ""
@@ -57,14 +65,16 @@ LEFT_OUT: dict[str, Any] = {"digest": "", "ticks": 0, "egos": ()}
 def write_values(path: Path, values: Values, opened: Sequence[OpenLoopResults] = ()) -> None:
     """Write the values of runs, and beside them those of open loop if there are any. Raises InputError."""
     runs = [(part, results) for part, found in values.items() for results in found]
+    has_budgets = any(re.fullmatch(BUDGET_PART, part) for part in values)
     rows = [
         {"run": i, "part": part, "agent": find_compared_agent(results.run)}
         | {name: getattr(one, name) for name in ("seed", *TEXTS, *SCORES)}
-        | _list_loads(one)
+        | ({SENT_RATE: _compute_sent_rate(one)} if has_budgets else _list_loads(one))
         for i, (part, results) in enumerate(runs)
         for one in results.scenarios
     ]
-    schema = LOAD_SCHEMA if any(not row.keys().isdisjoint(LOADS) for row in rows) else SCHEMA
+    has_loads = any(not row.keys().isdisjoint(LOADS) for row in rows)
+    schema = SENT_SCHEMA if has_budgets else LOAD_SCHEMA if has_loads else SCHEMA
     _write_table(path, rows, schema, [results.run for _, results in runs])
     if opened:
         shown = [
@@ -75,6 +85,14 @@ def write_values(path: Path, values: Values, opened: Sequence[OpenLoopResults] =
             for one in results.scenarios
         ]
         _write_table(name_open_file(path), shown, OPEN_SCHEMA, [results.run for results in opened])
+
+
+def _compute_sent_rate(one: ScenarioResult) -> float | None:
+    """Return what a CAV sends [kbit/s]; None where it was not measured."""
+    rate = one.scalars.get("message_rate")  # bytes a second, of all CAVs
+    if rate is None or not one.egos:
+        return one.scalars.get(SENT_RATE)
+    return rate * 8 / 1000 / len(one.egos)
 
 
 def _list_loads(one: ScenarioResult) -> dict[str, float]:
@@ -108,7 +126,7 @@ def find_compared_agent(run: RunInfo) -> str:
 
 def read_values(path: Path) -> Values:
     """Return the runs of a file, without CAVs. Raises InputError for a damaged file and for one of another version."""
-    infos, rows = _read_table(path, (SCHEMA, LOAD_SCHEMA), RunInfo)
+    infos, rows = _read_table(path, (SCHEMA, LOAD_SCHEMA, SENT_SCHEMA), RunInfo)
     scenarios: dict[tuple[str, int], list[ScenarioResult]] = {}
     for row in rows:
         with _report_faults(path):
@@ -176,4 +194,6 @@ def _make_result(row: dict[str, Any]) -> ScenarioResult:
         facts["sent_rates"] = {ALL_TYPES: {name: row[name] for name in ("messages_s", "bytes_s")}}
     if row.get("busy_mean") is not None:
         facts["busy_ratio"] = {"mean": row["busy_mean"], "greatest": row["busy_greatest"]}
+    if row.get(SENT_RATE) is not None:
+        facts["scalars"] = {SENT_RATE: row[SENT_RATE]}
     return ScenarioResult.model_validate(facts)

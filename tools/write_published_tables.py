@@ -4,15 +4,16 @@
 
 A page marks a table with the lines `<!-- values:NAME:TABLE:begin -->` and `<!-- values:NAME:TABLE:end -->`, where TABLE
 is one of those below. RUN is a folder of `mdrive-sumo eval` or of a study, or a results file: all results below it
-become the file of that name; of `study twins`, the scores that are compared. A test compares the pages with the files.
+become the file of that name; of `study twins`, the scores that are compared. RUN may also be the folder of tables of
+`learn evaluate-detectors`: its `detectors.json` becomes docs/results/values/NAME.json. A test compares pages and files.
 """
 
 import re
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import product
 from pathlib import Path
-from types import MappingProxyType
 from typing import TypeVar
 
 import click
@@ -20,7 +21,7 @@ import click
 from mdrive_sumo.agents.registry import DEFENDED_AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
-from mdrive_sumo.core.output_files import write_text
+from mdrive_sumo.core.output_files import copy_file, make_parents, write_text
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE, Verdict, describe_comparisons
 from mdrive_sumo.core.tables import (
     TOO_FEW,
@@ -28,6 +29,8 @@ from mdrive_sumo.core.tables import (
     join_paragraphs,
 )
 from mdrive_sumo.core.terminal import echo
+from mdrive_sumo.learning.fusion import detector_tables
+from mdrive_sumo.learning.fusion.detector_tables import DetectorSummary
 from mdrive_sumo.open_loop import OPEN_LOOP_FILE, OpenLoopResults
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.scenario.scenario import load_model
@@ -56,9 +59,19 @@ from tools.aim_tables import (
     list_hard_figures,
     list_log_figures,
 )
+from tools.codriving_values import list_budget_table, list_message_gains
+from tools.detector_values import DETECTORS_FILE, list_detector_order, read_detectors
 from tools.paper_values import CLOSED, find_paper_part, list_paper_table, list_shown_runs
 from tools.paper_values import TABLES as PAPER_TABLES
-from tools.published_values import WHOLE, Values, find_compared_agent, read_opened, read_values, write_values
+from tools.published_values import (
+    BUDGET_PART,
+    WHOLE,
+    Values,
+    find_compared_agent,
+    read_opened,
+    read_values,
+    write_values,
+)
 from tools.tool_command import HELP, ToolCommand, dry_run_option
 
 ROOT = Path(__file__).parents[1]
@@ -193,9 +206,16 @@ TABLES: Mapping[str, Callable[[Runs], Paragraphs]] = {
     "drivers": lambda runs: (format_drivers(MeasuredDrivers(runs)),),
     "channels": _list_channels,
     "attacks": _list_attacks,
+    "message-gain": lambda runs: (_describe_runs(runs), *list_message_gains(runs)),
 }
 """What a page can show of a file: tables of `study gain`, of `study seasons`, of the aims of suites, of `study comm`,
-and of `study attacks`."""
+of `study attacks`, and of `codriving` beside its twins."""
+DETECTOR_TABLES = {f"ap-{name}": write for name, write in detector_tables.TABLES.items()}
+"""Tables of a file of `learn evaluate-detectors`."""
+DETECTOR_ORDER, DETECTORS = "ap-ds", "detectors"
+"""RQ3: the table of runs of agents behind detectors, and the file that holds the precisions of these."""
+BUDGETS = "budgets"
+"""The table of runs of `codriving`, whose files have a part for each budget (`BUDGET_PART`), and one for its twin."""
 TWINS = "twins"
 """The table of `study twins`, whose files have a part for each factor and one for its originals."""
 
@@ -233,41 +253,92 @@ def _list_twins(values: Values) -> Paragraphs:
     return described, format_markdown(build_twins_table(summary)), count_by_chance(line.change for line in lines)
 
 
-def _format_table(table: str, values: Values, opened: Sequence[OpenLoopResults]) -> str:
-    """Return a table of a file of values. Raises InputError if the file is one of other runs."""
-    kind = "study twins" if table == TWINS else "study paper" if table in PAPER_TABLES else "single runs"
-    found = "single runs" if WHOLE in values else "study paper" if CLOSED in values else "study twins"
-    if kind != found:
+def _find_kind(values: Values) -> str:
+    """Return what the runs of a file are of."""
+    if WHOLE in values:
+        return "single runs"
+    if any(re.fullmatch(BUDGET_PART, part) for part in values):
+        return "budgets"
+    return "study paper" if CLOSED in values else "study twins"
+
+
+def _format_runs(table: str, values: Values, opened: Sequence[OpenLoopResults]) -> Paragraphs:
+    """Return a table of a file of runs. Raises InputError if the file is one of other runs."""
+    kind = {TWINS: "study twins", BUDGETS: "budgets"}.get(
+        table, "study paper" if table in PAPER_TABLES else "single runs"
+    )
+    if kind != (found := _find_kind(values)):
         raise InputError(f"table {table}: expected values of {kind}, found values of {found}")
-    if kind == "study paper":
-        parts = _describe_runs(list_shown_runs(table, values)), *list_paper_table(table, values, opened)
-    else:
-        parts = _list_twins(values) if table == TWINS else TABLES[table](values[WHOLE])
-    text = join_paragraphs(parts)
-    is_said = TOO_FEW not in text or TOO_FEW_NOTE in text
-    return text if is_said else join_paragraphs((text.rstrip(), TOO_FEW_NOTE))
+    if table in PAPER_TABLES:
+        return _describe_runs(list_shown_runs(table, values)), *list_paper_table(table, values, opened)
+    if table == BUDGETS:
+        return list_budget_table(values)
+    return _list_twins(values) if table == TWINS else TABLES[table](values[WHOLE])
 
 
-Fresh = Mapping[str, tuple[Values, Sequence[OpenLoopResults]]]
-"""Values by the name of the file that they are not in yet."""
+@dataclass(frozen=True, slots=True)
+class FreshValues:
+    """What some folders hold and no file of values has yet: runs with their open loop, or measured detectors."""
+
+    runs: Values = field(default_factory=dict[str, Sequence[Results]])
+    opened: Sequence[OpenLoopResults] = ()
+    detectors: Path | None = None
+    """A `detectors.json`."""
 
 
-def fill_page(text: str, root: Path, page: str, fresh: Fresh = MappingProxyType({})) -> str:
-    """Return a page with its marked tables written anew. Raises InputError for an unknown table and for a bad file."""
+class _ValueFiles:
+    """The files of values below a root; `fresh` takes the place of those of one name."""
 
-    @cache
-    def find_values(name: str) -> tuple[Values, Sequence[OpenLoopResults]]:
-        path = root / VALUES / f"{name}.parquet"
-        return fresh[name] if name in fresh else (read_values(path), read_opened(path))
+    def __init__(self, root: Path, name: str, fresh: FreshValues | None) -> None:
+        self._folder = root / VALUES
+        self._fresh = {} if fresh is None else {name: fresh}
+        self.find_runs = cache(self._find_runs)
+        self.find_detectors = cache(self._find_detectors)
+
+    def has(self, name: str, ending: str) -> bool:
+        """Return whether there are values of this name."""
+        return name in self._fresh or (self._folder / f"{name}{ending}").is_file()
+
+    def _find_runs(self, name: str) -> tuple[Values, Sequence[OpenLoopResults]]:
+        if (fresh := self._fresh.get(name)) is not None:
+            return fresh.runs, fresh.opened
+        path = self._folder / f"{name}.parquet"
+        return read_values(path), read_opened(path)
+
+    def _find_detectors(self, name: str) -> DetectorSummary:
+        fresh = self._fresh.get(name)
+        measured = None if fresh is None else fresh.detectors
+        return read_detectors(measured or self._folder / f"{name}.json")
+
+    def format_table(self, name: str, table: str) -> str:
+        """Return a table of the file of a name. Raises InputError."""
+        if table in DETECTOR_TABLES:
+            parts = DETECTOR_TABLES[table](self.find_detectors(name))
+        elif table == DETECTOR_ORDER:
+            runs = self.find_runs(name)[0].get(WHOLE, ())
+            parts = _describe_runs(runs), *list_detector_order(runs, self.find_detectors(DETECTORS))
+        else:
+            parts = _format_runs(table, *self.find_runs(name))
+        text = join_paragraphs(parts)
+        is_said = TOO_FEW not in text or TOO_FEW_NOTE in text
+        return text if is_said else join_paragraphs((text.rstrip(), TOO_FEW_NOTE))
+
+
+def fill_page(text: str, root: Path, page: str, name: str = "", fresh: FreshValues | None = None) -> str:
+    """Return a page with its marked tables written anew. Raises InputError for an unknown table and for a bad file.
+
+    fresh: values that are shown instead of those of the file `name`.
+    """
+    files = _ValueFiles(root, name, fresh)
 
     def fill(match: re.Match[str]) -> str:
         begin, name, table, end = match.groups()
-        if table not in (known := (*TABLES, TWINS, *PAPER_TABLES)):
+        if table not in (known := (*TABLES, TWINS, BUDGETS, *PAPER_TABLES, DETECTOR_ORDER, *DETECTOR_TABLES)):
             raise InputError(f"{page}: table: expected one of {', '.join(known)}, found {table}")
-        has_file = name in fresh or (root / VALUES / f"{name}.parquet").is_file()
+        has_file = files.has(name, ".json" if table in DETECTOR_TABLES else ".parquet")
         if not has_file and any(words in match[0] for words in WITHOUT_FILE):
             return match[0]
-        return f"{begin}\n{_format_table(table, *find_values(name))}\n{end}"
+        return f"{begin}\n{files.format_table(name, table)}\n{end}"
 
     return MARK.sub(fill, text)
 
@@ -291,12 +362,33 @@ def load_values(places: Sequence[Path]) -> Values:
     parts = {name: [runs[i] for i, part in enumerate(names) if part == name] for name in names}
     if ORIGINAL in parts:
         return pair_runs({name: found for name, found in parts.items() if name in (ORIGINAL, *TwinFactor)})
-    return parts if CLOSED in parts else {WHOLE: runs}
+    has_budgets = any(re.fullmatch(BUDGET_PART, name) for name in parts)
+    return parts if CLOSED in parts or has_budgets else {WHOLE: runs}
 
 
 def load_opened(places: Sequence[Path]) -> Sequence[OpenLoopResults]:
     """Return all results of open loop below the places. Raises InputError for an unreadable one."""
     return [load_model(file, OpenLoopResults) for file in _find_files(places, OPEN_LOOP_FILE)]
+
+
+def load_fresh(places: Sequence[Path]) -> FreshValues:
+    """Return what lies below the places: measured detectors or runs. Raises InputError."""
+    measured = _find_files(
+        [place for place in places if place.is_dir() or place.name == DETECTORS_FILE], DETECTORS_FILE
+    )
+    if len(measured) > 1:
+        raise InputError(f"expected one {DETECTORS_FILE}, found {measured[0]} and {measured[1]}")
+    if measured:
+        return FreshValues(detectors=measured[0])
+    return FreshValues(load_values(places), load_opened([one for one in places if one.is_dir()]))
+
+
+def _write_fresh(folder: Path, name: str, fresh: FreshValues) -> None:
+    if fresh.detectors is None:
+        write_values(folder / f"{name}.parquet", fresh.runs, fresh.opened)
+        return
+    make_parents(folder / f"{name}.json")
+    copy_file(fresh.detectors, folder / f"{name}.json")
 
 
 def _find_files(places: Sequence[Path], name: str) -> list[Path]:
@@ -311,11 +403,11 @@ def main(runs: tuple[Path, ...], values: str, dry_run: bool) -> None:
     """Write marked tables of the documentation anew from docs/results/values."""
     if bool(values) != bool(runs):
         raise InputError("expected --values NAME with runs, found one without the other")
-    fresh = {values: (load_values(runs), load_opened([one for one in runs if one.is_dir()]))} if values else {}
+    fresh = load_fresh(runs) if values else None
     pages = {page: read_text(ROOT / page) for page in find_pages(ROOT)}
-    filled = {page: fill_page(text, ROOT, str(page), fresh) for page, text in pages.items()}
-    for name, found in ({} if dry_run else fresh).items():
-        write_values(ROOT / VALUES / f"{name}.parquet", *found)
+    filled = {page: fill_page(text, ROOT, str(page), values, fresh) for page, text in pages.items()}
+    if fresh is not None and not dry_run:
+        _write_fresh(ROOT / VALUES, values, fresh)
     for page in (page for page, text in pages.items() if filled[page] != text):
         if not dry_run:
             write_text(ROOT / page, filled[page])

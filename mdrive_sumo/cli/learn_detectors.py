@@ -190,7 +190,11 @@ def evaluate_command(
     """
     require_torch("learn evaluate-detectors")
     from mdrive_sumo.learning.fusion.detector_figures import SUFFIX, check_comparable, read_figures, write_figures
-    from mdrive_sumo.learning.fusion.detector_tables import write_detectors_json, write_detectors_page
+    from mdrive_sumo.learning.fusion.detector_tables import (
+        summarise_detectors,
+        write_detectors_json,
+        write_detectors_page,
+    )
     from mdrive_sumo.learning.fusion.training.measure_detector import measure_detector, name_trained
     from mdrive_sumo.learning.fusion.training.run_fusion_training import find_best_weights
     from mdrive_sumo.learning.training.run_training import find_device
@@ -210,9 +214,10 @@ def evaluate_command(
         echo(f"{path}  measured in {time.monotonic() - began:.0f} s")
     measured = {name: read_figures(path) for name in ORDER if (path := out / f"{name}{SUFFIX}").is_file()}
     check_comparable(measured)
-    page = write_detectors_page(measured)
+    summary = summarise_detectors(measured)
+    page = write_detectors_page(summary)
     with report_write_errors(out):
-        write_text(out / "detectors.json", write_detectors_json(measured))
+        write_text(out / "detectors.json", write_detectors_json(summary))
         write_text(out / "detectors.md", page)
     echo(page)
 

@@ -42,6 +42,8 @@ LONG_PAGES = {
     "hard.md": "not divided yet",
     "protocol.md": "the sections of the protocol, in its order",
     "real2sim.md": "not divided yet",
+    "results/detectors.md": "tables written from values",
+    "results/detectors-crowds.md": "tables written from values",
     "results/open-closed.md": "tables written from values, and two paragraphs",
     "results/paper.md": "generated",
     "scoring.md": "not divided yet",

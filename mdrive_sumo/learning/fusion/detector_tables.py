@@ -1,15 +1,15 @@
 """Tables of detectors that share: average precision by condition, distance, occlusion, channel and budget."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from mdrive_sumo.agents.learned.fusion_spec import BOUNDS, FUSIONS
 from mdrive_sumo.core.statistics import (
     METHOD_NOTE,
     TOO_FEW_NOTE,
     ConfidenceInterval,
-    ResampledMean,
     Verdict,
     describe_comparisons,
     judge_intervals,
@@ -41,80 +41,180 @@ Maps are encoded by the codec of messages; bytes are payloads of one map. A surr
 fused 100 ms after the own scan; the radio models of `its-g5` and `lte-v2x` between the cars of a frame, which stand
 still, in line of sight or behind the frame's vehicles, without buildings and other stations. `early` shares its cells
 without loss (zlib) and fits into no radio's budget; `late` shares boxes in one CPM. Poses are true."""
-OPV2V_NOTE = """\
-Published figures of CARLA, for comparison only (OPV2V, default towns, AP at 0.7): late 78.1, early 80.0, AttFuse 81.5,
-F-Cooper 79.0, CoBEVT 86.1. V2XSet, AP at 0.7 from perfect to noisy (0.2 m, 0.2 degrees, 100 ms): late 62.0 to 30.7,
-AttFuse 66.4 to 48.7, CoBEVT 66.0 to 54.3, no fusion 40.2."""
+PUBLISHED: Mapping[str, tuple[float | None, float | None, float | None]] = {
+    "none": (None, 40.2, 40.2),
+    "late": (78.1, 62.0, 30.7),
+    "early": (80.0, None, None),
+    "attfuse": (81.5, 66.4, 48.7),
+    "fcooper": (79.0, None, None),
+    "cobevt": (86.1, 66.0, 54.3),
+}
+"""AP at 0.7 on CARLA's images: of OPV2V (default towns), of V2XSet with perfect poses and with its noise."""
+PUBLISHED_NOTE = """\
+Columns named CARLA are figures that others published, of the original detectors on data of CARLA: OPV2V (default towns)
+and V2XSet, perfect and noisy (0.2 m, 0.2 degrees, 100 ms). They show orders and losses there; data, networks and ranges
+differ, so no number of a row can be expected to be the same."""
 
 
-def write_detectors_page(figures: Figures) -> str:
+@dataclass(frozen=True, slots=True)
+class DetectorSummary:
+    """What tables show of some detectors on one data set: figures without resamples, as `detectors.json` keeps them."""
+
+    about: Mapping[str, Mapping[str, Any]]
+    """By detector, in the order of `ORDER`, as all mappings: data, checkpoint and training, JSON."""
+    precisions: Mapping[str, Mapping[FigureKey, ConfidenceInterval]]
+    """Average precisions of vehicles in [0, 1]."""
+    differences: Mapping[str, Mapping[str, ConfidenceInterval]]
+    """From `none` at an intersection over union of 0.5, drive by drive, by detector and condition."""
+    use: Mapping[str, Mapping[str, Mapping[str, float]]]
+    """By detector and channel or budget: bytes of a map, and what arrived."""
+
+
+def summarise_detectors(figures: Figures) -> DetectorSummary:
+    """Return what tables show of figures that were measured on the same frames."""
+    members = {name: figures[name] for name in ORDER if name in figures}
+    base = members.get(BASE)
+    conditions = [each.name for each in (*CONDITIONS, *CHANNELS, *BUDGETS)]
+    differences: dict[str, dict[str, ConfidenceInterval]] = {}
+    for name, each in members.items():
+        for condition in conditions if base is not None and each is not base else ():
+            key = FigureKey(condition, MIN_IOUS[0], "all")
+            if (value := each.precisions.get(key)) and (reference := base and base.precisions.get(key)):
+                differences.setdefault(name, {})[condition] = value.subtract(reference)
+    return DetectorSummary(
+        {name: each.about for name, each in members.items()},
+        {
+            name: {key: value.make_interval() for key, value in each.precisions.items()}
+            for name, each in members.items()
+        },
+        differences,
+        {name: each.use for name, each in members.items()},
+    )
+
+
+def write_detectors_page(summary: DetectorSummary) -> str:
     """Return all tables as a page of Markdown."""
-    data = next(iter(figures.values())).about["data"]
-    names = [condition.name for condition in CONDITIONS]
-    channels, budgets = ([each.name for each in kind] for kind in (CHANNELS, BUDGETS))
-    differences = list_differences(figures, names)
     return join_paragraphs(
         (
             "# Detectors that share features: average precision",
-            f"Measured on {data['frames']} frames of {data['drives']} drives at {len(data['places'])} places with"
-            f" {data['vehicles']} true boxes of vehicles.",
             HOW_TO_READ,
-            "## By condition, intersection over union 0.5",
-            format_markdown(_build_table(figures, names, MIN_IOUS[0])),
-            "## By condition, intersection over union 0.7",
-            format_markdown(_build_table(figures, names, MIN_IOUS[1])),
-            "## Differences from no fusion, intersection over union 0.5",
-            format_markdown(_build_difference_table(figures, names)),
-            describe_comparisons([one for _, _, one in differences]),
-            *_describe_losses(differences),
-            "## By distance and by points of the own scan, clean",
-            *(format_markdown(_build_group_table(figures, min_iou)) for min_iou in MIN_IOUS),
-            "## Channels",
-            CHANNEL_NOTE,
-            format_markdown(_build_table(figures, channels, MIN_IOUS[0])),
-            format_markdown(_build_use_table(figures, channels)),
-            "## Bytes",
-            format_markdown(_build_table(figures, [*budgets, CHANNELS[0].name], MIN_IOUS[0], FUSIONS)),
-            format_markdown(_build_use_table(figures, [*budgets, CHANNELS[0].name], FUSIONS)),
-            OPV2V_NOTE,
+            *(part for title, name in SECTIONS for part in (f"## {title}", *TABLES[name](summary))),
         )
     )
 
 
-def write_detectors_json(figures: Figures) -> str:
+def write_detectors_json(summary: DetectorSummary) -> str:
     """Return all numbers as JSON, without resamples."""
-    rows = [
-        {"detector": name, "condition": key.condition, "iou": key.min_iou, "group": key.group}
-        | asdict(value.make_interval())
-        for name, each in _sort(figures)
-        for key, value in each.precisions.items()
-    ]
-    names = [each.name for each in (*CONDITIONS, *CHANNELS, *BUDGETS)]
     page = {
         "format": FORMAT,
-        "about": {name: each.about for name, each in _sort(figures)},
-        "precisions": rows,
-        "differences": [
-            {"detector": name, "condition": condition, "iou": MIN_IOUS[0], "from": BASE} | asdict(value)
-            for name, condition, value in list_differences(figures, names)
+        "about": summary.about,
+        "precisions": [
+            {"detector": name, "condition": key.condition, "iou": key.min_iou, "group": key.group} | asdict(interval)
+            for name, intervals in summary.precisions.items()
+            for key, interval in intervals.items()
         ],
-        "use": {name: each.use for name, each in _sort(figures)},
+        "differences": [
+            {"detector": name, "condition": condition, "iou": MIN_IOUS[0], "from": BASE} | asdict(interval)
+            for name, intervals in summary.differences.items()
+            for condition, interval in intervals.items()
+        ],
+        "use": summary.use,
     }
     return json.dumps(page, indent=1) + "\n"
 
 
-def list_differences(figures: Figures, conditions: Sequence[str]) -> list[tuple[str, str, ConfidenceInterval]]:
-    """Return detector, condition and difference from `none` at an intersection over union of 0.5, drive by drive."""
-    if BASE not in figures:
-        return []
-    found: list[tuple[str, str, ConfidenceInterval]] = []
-    for name, each in _sort(figures):
-        for condition in conditions:
-            key = FigureKey(condition, MIN_IOUS[0], "all")
-            base = figures[BASE].precisions.get(key)
-            if name != BASE and base is not None and key in each.precisions:
-                found.append((name, condition, each.precisions[key].subtract(base)))
-    return found
+def _describe_data(summary: DetectorSummary) -> str:
+    data = next(iter(summary.about.values()))["data"]
+    return (
+        f"Measured on {data['frames']} frames of {data['drives']} drives at {len(data['places'])} places with"
+        f" {data['vehicles']} true boxes of vehicles."
+    )
+
+
+def _list_conditions(summary: DetectorSummary) -> Sequence[str]:
+    names = [condition.name for condition in CONDITIONS]
+    tables = (
+        part
+        for min_iou in MIN_IOUS
+        for part in (
+            f"At an intersection over union of {min_iou}:",
+            format_markdown(_build_table(summary, names, min_iou)),
+        )
+    )
+    return _describe_data(summary), *tables
+
+
+def _list_differences(summary: DetectorSummary) -> Sequence[str]:
+    names = [condition.name for condition in CONDITIONS]
+    found = [
+        (name, condition, intervals[condition])
+        for name, intervals in summary.differences.items()
+        for condition in names
+        if condition in intervals
+    ]
+    return (
+        format_markdown(_build_difference_table(summary, names)),
+        describe_comparisons([interval for _, _, interval in found]),
+        *_describe_losses(found),
+    )
+
+
+def _list_groups(summary: DetectorSummary) -> Sequence[str]:
+    return [format_markdown(_build_group_table(summary, min_iou)) for min_iou in MIN_IOUS]
+
+
+def _list_channels(summary: DetectorSummary) -> Sequence[str]:
+    names = [channel.name for channel in CHANNELS]
+    return (
+        CHANNEL_NOTE,
+        format_markdown(_build_table(summary, names, MIN_IOUS[0])),
+        format_markdown(_build_use_table(summary, names)),
+    )
+
+
+def _list_bytes(summary: DetectorSummary) -> Sequence[str]:
+    names = [*(budget.name for budget in BUDGETS), CHANNELS[0].name]
+    return (
+        format_markdown(_build_table(summary, names, MIN_IOUS[0], FUSIONS)),
+        format_markdown(_build_use_table(summary, names, FUSIONS)),
+    )
+
+
+def _list_published(summary: DetectorSummary) -> Sequence[str]:
+    keys = [FigureKey(condition, MIN_IOUS[1], "all") for condition in (CLEAN, "0.2 m, 100 ms")]
+    here = _make_columns([f"here, {key.condition}" for key in keys])
+    carla = [f"CARLA, {name}" for name in ("OPV2V", "V2XSet perfect", "V2XSet noisy")]
+    columns = (*here, *(Column(label, label, decimals=1, undefined="") for label in carla))
+    rows = [
+        make_row(
+            (
+                name,
+                *(_make_cell(summary.precisions[name].get(key)) for key in keys),
+                *PUBLISHED.get(name, (None,) * len(carla)),
+            )
+        )
+        for name in summary.precisions
+    ]
+    return PUBLISHED_NOTE, format_markdown(Table("published", "", columns, tuple(rows), left=1))
+
+
+TABLES: Mapping[str, Callable[[DetectorSummary], Sequence[str]]] = {
+    "conditions": _list_conditions,
+    "differences": _list_differences,
+    "groups": _list_groups,
+    "channels": _list_channels,
+    "bytes": _list_bytes,
+    "published": _list_published,
+}
+"""Paragraphs of each table, as pages show them."""
+SECTIONS = (
+    ("By condition", "conditions"),
+    (f"Differences from no fusion, intersection over union {MIN_IOUS[0]}", "differences"),
+    ("By distance and by points of the own scan, clean", "groups"),
+    ("Channels", "channels"),
+    ("Bytes", "bytes"),
+    (f"Beside published figures, intersection over union {MIN_IOUS[1]}", "published"),
+)
 
 
 def _describe_losses(differences: Sequence[tuple[str, str, ConfidenceInterval]]) -> Iterable[str]:
@@ -129,10 +229,6 @@ def _describe_losses(differences: Sequence[tuple[str, str, ConfidenceInterval]])
         f"Of {len(fusions)} pairs of a fusion and a condition {shown} are above no fusion after correction. Below it"
         f" are {', '.join(below) or 'none'}."
     )
-
-
-def _sort(figures: Figures, names: Iterable[str] = ORDER) -> list[tuple[str, DetectorFigures]]:
-    return [(name, figures[name]) for name in names if name in figures]
 
 
 def _make_columns(labels: Iterable[str], *, has_sign: bool = False) -> tuple[Column, ...]:
@@ -153,41 +249,36 @@ def _make_cell(interval: ConfidenceInterval | None) -> Cell:
     return Cell(100 * interval.mean, ConfidenceInterval(100 * interval.mean, low, high, interval.units))
 
 
-def _find_interval(figures: DetectorFigures, key: FigureKey) -> ConfidenceInterval | None:
-    value: ResampledMean | None = figures.precisions.get(key)
-    return None if value is None else value.make_interval()
-
-
-def _build_table(figures: Figures, conditions: Sequence[str], min_iou: float, names: Iterable[str] = ORDER) -> Table:
+def _build_table(
+    summary: DetectorSummary, conditions: Sequence[str], min_iou: float, names: Iterable[str] = ORDER
+) -> Table:
     rows = [
-        make_row((name, *(_make_cell(_find_interval(each, FigureKey(one, min_iou, "all"))) for one in conditions)))
-        for name, each in _sort(figures, names)
+        make_row((name, *(_make_cell(intervals.get(FigureKey(one, min_iou, "all"))) for one in conditions)))
+        for name, intervals in summary.precisions.items()
+        if name in names
     ]
     return Table("detectors", "", _make_columns(conditions), tuple(rows), left=1)
 
 
-def _build_difference_table(figures: Figures, conditions: Sequence[str]) -> Table:
-    by_detector: dict[str, dict[str, ConfidenceInterval]] = {}
-    for name, condition, value in list_differences(figures, conditions):
-        by_detector.setdefault(name, {})[condition] = value
+def _build_difference_table(summary: DetectorSummary, conditions: Sequence[str]) -> Table:
     rows = [
-        make_row((name, *(_make_cell(values.get(condition)) for condition in conditions)))
-        for name, values in by_detector.items()
+        make_row((name, *(_make_cell(intervals.get(condition)) for condition in conditions)))
+        for name, intervals in summary.differences.items()
     ]
     return Table("detector_differences", "", _make_columns(conditions, has_sign=True), tuple(rows), left=1)
 
 
-def _build_group_table(figures: Figures, min_iou: float) -> Table:
+def _build_group_table(summary: DetectorSummary, min_iou: float) -> Table:
     groups = [name for name in GROUPS if name != "all"]
     rows = [
-        make_row((name, *(_make_cell(_find_interval(each, FigureKey(CLEAN, min_iou, group))) for group in groups)))
-        for name, each in _sort(figures)
+        make_row((name, *(_make_cell(intervals.get(FigureKey(CLEAN, min_iou, group))) for group in groups)))
+        for name, intervals in summary.precisions.items()
     ]
     columns = _make_columns([f"{group}, IoU {min_iou}" for group in groups])
     return Table("detector_groups", "", columns, tuple(rows), left=1)
 
 
-def _build_use_table(figures: Figures, names: Sequence[str], detectors: Iterable[str] = ORDER) -> Table:
+def _build_use_table(summary: DetectorSummary, names: Sequence[str], detectors: Iterable[str] = ORDER) -> Table:
     columns = (
         Column("detector", "detector"),
         Column("channel", "channel"),
@@ -197,9 +288,9 @@ def _build_use_table(figures: Figures, names: Sequence[str], detectors: Iterable
         Column("packets_arrived", "packets used [%]", decimals=1),
     )
     rows: list[Row] = []
-    for detector, each in _sort(figures, detectors):
+    for detector in (one for one in summary.use if one in detectors):
         for name in names:
-            if (use := each.use.get(name)) is not None:
+            if (use := summary.use[detector].get(name)) is not None:
                 shares = {key: 100 * use[key] for key in ("heard", "packets_arrived") if key in use}
                 values = {**use, **shares}
                 rows.append(make_row((detector, name, *(values.get(column.key) for column in columns[2:]))))

@@ -161,9 +161,21 @@ def _correlate(
     usable = ~np.isnan(x).any(axis=-1)  # a resample may lack all recordings in which an agent has a plan
     for score in CLOSED_METRICS:
         closed = np.array([[getattr(driven[agent][key], score) for agent in agents] for key in keys])
-        y = sum_resamples(counts, closed) / counts.sum(axis=1, keepdims=True)
-        rho, tau = (correlate(x[usable], y[usable]) for correlate in (compute_spearman, compute_kendall))
-        yield RankCorrelation(metric, score, agents, _summarize(rho, labels), _summarize(tau, labels))
+        rho, tau = correlate_ranks(x[usable], closed, counts[usable], labels)
+        yield RankCorrelation(metric, score, agents, rho, tau)
+
+
+def correlate_ranks(
+    x: Float, scores: Float, counts: Counts, labels: Sequence[Label]
+) -> tuple[ConfidenceInterval | None, ConfidenceInterval | None]:
+    """Return Spearman's and Kendall's correlation over agents with their intervals; None where they are undefined.
+
+    x: (R, N) what N agents have in each resample, the sample itself first. scores: (M, N) of M episodes. counts:
+    (R, M) how often an episode counts. labels: of the episodes.
+    """
+    y = sum_resamples(counts, scores) / counts.sum(axis=1, keepdims=True)
+    rho, tau = (_summarize(correlate(x, y), labels) for correlate in (compute_spearman, compute_kendall))
+    return rho, tau
 
 
 def _summarize(values: Float, labels: Sequence[Label]) -> ConfidenceInterval | None:

@@ -18,7 +18,11 @@ from mdrive_sumo.learning.fusion.detector_figures import (
     read_figures,
     write_figures,
 )
-from mdrive_sumo.learning.fusion.detector_tables import write_detectors_json, write_detectors_page
+from mdrive_sumo.learning.fusion.detector_tables import (
+    summarise_detectors,
+    write_detectors_json,
+    write_detectors_page,
+)
 from mdrive_sumo.learning.fusion.frames import FusionFrames
 from mdrive_sumo.learning.fusion.sharing_channels import (
     CHANNELS,
@@ -93,11 +97,12 @@ def test_figures_keep_their_resamples_and_tables_say_where_a_fusion_loses(frames
             kept = figures[each.detector].precisions[key]
             assert (kept.mean, kept.units) == (value.mean, value.units)
             assert np.array_equal(kept.resampled, value.resampled)
-    page = write_detectors_page(figures)
+    summary = summarise_detectors(figures)
+    page = write_detectors_page(summary)
     assert "| attfuse | 60.0 [" in page and "| attfuse | +10.0 [+10.0, +10.0]" in page
     assert "Of 8 pairs of a fusion and a condition 7 are above no fusion" in page
     assert "Below it are attfuse (0.6 m, -10.0)." in page and "| attfuse | ideal | 1234 | 90.0 | 10 | 80.0 |" in page
-    assert '"detector": "attfuse"' in write_detectors_json(figures)
+    assert '"detector": "attfuse"' in write_detectors_json(summary)
 
 
 def test_figures_of_other_frames_or_files_are_refused(frames: FusionFrames, tmp_path: Path) -> None:

@@ -19,8 +19,6 @@ from mdrive_sumo.agents.learned.tcp import TcpAgent
 from mdrive_sumo.core.errors import InputError
 
 TCP = SYSTEMS["tcp"]
-MOST_BYTES = 3_000_000
-"""Of the weights of one system in the wheel (issue L)."""
 
 
 def change_manifest(path: Path, **values: Any) -> None:
@@ -148,12 +146,3 @@ def test_a_graphics_card_is_used_if_there_is_one(tmp_path: Path, monkeypatch: py
         with pytest.raises(InputError, match="input 'front'"):
             load_network(TCP, path, use_gpu)
     assert asked == [["CUDAExecutionProvider", CPU_PROVIDER], [CPU_PROVIDER]]
-
-
-@pytest.mark.parametrize("system", SYSTEMS)
-def test_packaged_weights_are_small_and_load(system: str) -> None:
-    network = load_network(SYSTEMS[system], use_gpu=False)
-    assert network.manifest.bytes <= MOST_BYTES
-    for name, least in (("samples", 10_000), ("steps", 1000)):
-        found = network.manifest.training[name]
-        assert isinstance(found, int) and found > least
