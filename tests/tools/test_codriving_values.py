@@ -74,7 +74,7 @@ def test_budgets_that_cannot_be_compared_are_refused(runs: Path) -> None:
         measure_budgets({name: values[name] for name in ("alone", "budget-300")})
     other = make_run(make_scenario("elsewhere", 50.0), agent="codriving")
     with pytest.raises(InputError, match="expected scenarios that all runs have, found none"):
-        list_budget_table(values | {"budget-700": [other]})
+        list_budget_table({**values, "budget-700": [other]})
     with pytest.raises(InputError, match="table budgets: expected values of budgets, found values of single runs"):
         write_published_tables._format_runs("budgets", {"": [other]}, ())  # pyright: ignore[reportPrivateUsage]
 
