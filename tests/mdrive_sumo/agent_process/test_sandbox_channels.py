@@ -29,7 +29,7 @@ pytestmark = [
 ]
 
 SLOT = own_slot()
-BITS = (0, 1, 1, 0, 1, 0, 0, 1, 0, 1)[: examples(6, 10)]
+BITS = (0, 1, 1, 0, 1, 0, 0, 1, 0, 1)[: examples(4, 10)]
 """Tries: as many of both."""
 CHANNELS = (
     *("record lock", "open file lock", "flock", "lock of a device", "inotify", "aio-nr"),

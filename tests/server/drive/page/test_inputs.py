@@ -150,17 +150,15 @@ def test_a_wrong_calibration_says_why(page: Any, readings: list[list[float]], se
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "stored",
-    ["{", "null", "{}", "[]", '{"steer": {"axis": 0}}', json.dumps({"steer": 1, "throttle": 2, "brake": 3}), '"text"'],
-)
-def test_a_damaged_store_is_as_if_empty(opened: Opened, stored: str) -> None:
+def test_a_damaged_store_is_as_if_empty(opened: Opened) -> None:
     page = opened().page
-    page.evaluate("(text) => localStorage.setItem('mdrive-sumo drive calibration Pad', text)", stored)
-    page.evaluate("(text) => localStorage.setItem('mdrive-sumo drive mirrors', text)", stored)
-    assert page.evaluate("loadCalibration({id: 'Pad', mapping: 'standard', axes: []}) === STANDARD")
-    page.reload()
-    wait_until(page, "document.body.dataset.scene")
+    numbers = json.dumps({"steer": 1, "throttle": 2, "brake": 3})
+    for stored in ("{", "null", "{}", "[]", '{"steer": {"axis": 0}}', numbers, '"text"'):
+        page.evaluate("(text) => localStorage.setItem('mdrive-sumo drive calibration Pad', text)", stored)
+        page.evaluate("(text) => localStorage.setItem('mdrive-sumo drive mirrors', text)", stored)
+        assert page.evaluate("loadCalibration({id: 'Pad', mapping: 'standard', axes: []}) === STANDARD"), stored
+        page.reload()
+        wait_until(page, "document.body.dataset.scene")
 
 
 @pytest.mark.slow

@@ -14,7 +14,14 @@ from server.drive.simulation_process import (
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 
-@pytest.mark.parametrize(("agent", "goes_on"), [("sharing+negotiation", "sharing+negotiation"), ("idm", "sharing")])
+@pytest.mark.parametrize(
+    ("agent", "goes_on"),
+    [
+        ("sharing+negotiation", "sharing+negotiation"),
+        # Its replies are repeated as those of an agent that is not built in, which the next test enters.
+        pytest.param("idm", "sharing", marks=pytest.mark.full),
+    ],
+)
 def test_any_tick_of_a_run_is_entered(suite: Path, tmp_path: Path, agent: str, goes_on: str) -> None:
     """The run's agents drive again up to the tick; then the person has the wheel, and the agents drive on.
 

@@ -1,7 +1,7 @@
 """Wrong setups, calls and folders cost one sentence each."""
 
 from pathlib import Path
-from shutil import copyfile
+from shutil import copyfile, copytree
 
 import pytest
 from testing.drives import DriveSession, make_setup, run_drive
@@ -61,6 +61,7 @@ def test_bad_calls_cost_one_sentence_and_the_drive_goes_on(suite: Path, tmp_path
         ({"people": ("9",)}, "CAV: expected one of 0, 1, found '9'"),
         ({"people": ("0", "0")}, "expected each once"),
         ({"others": "nothing"}, "expected built-in agents"),
+        ({"others": "idm"}, "option substitutes: expected agents that need no other sensor than is on board, found"),
         ({"others": "colmdriver"}, "expected agents without a language model"),
         ({"suite": "/nowhere"}, "/nowhere"),
         ({"weather": "hail"}, "weather: expected one of"),
@@ -79,6 +80,19 @@ def test_a_wrong_setup_costs_one_sentence(
     assert sentence in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "drive").exists()
+
+
+@pytest.fixture(scope="module")
+def short_drive(suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a drive that ended in its first ticks; tests change copies of it."""
+    folder = tmp_path_factory.mktemp("short") / "drive"
+
+    async def drive(session: DriveSession) -> None:
+        await session.open(make_setup(folder, suite))
+        await session.drive_to(3)
+
+    run_drive(drive)
+    return folder
 
 
 @pytest.mark.full
@@ -123,15 +137,9 @@ def test_a_folder_in_which_another_drive_goes_on_costs_one_sentence(suite: Path,
     run_drive(lambda session: session.open(setup))
 
 
-def test_links_in_the_folder_of_a_drive_are_not_followed(suite: Path, tmp_path: Path) -> None:
+def test_links_in_the_folder_of_a_drive_are_not_followed(suite: Path, short_drive: Path, tmp_path: Path) -> None:
     """A stranger's drive must not write outside of its folder."""
-    folder, other = tmp_path / "drive", tmp_path / "other"
-
-    async def drive(session: DriveSession) -> None:
-        await session.open(make_setup(folder, suite))
-        await session.drive_to(3)
-
-    run_drive(drive)
+    folder, other = copytree(short_drive, tmp_path / "drive"), tmp_path / "other"
     (folder / "takes").rename(other)
     (folder / "takes").symlink_to(other)
     (other / ".mine.part").write_text("mine")
@@ -141,14 +149,8 @@ def test_links_in_the_folder_of_a_drive_are_not_followed(suite: Path, tmp_path: 
     assert sorted(other.rglob("*")) == before
 
 
-def test_a_journal_with_a_number_that_no_take_has_is_no_take(suite: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "drive"
-
-    async def drive(session: DriveSession) -> None:
-        await session.open(make_setup(folder, suite))
-        await session.drive_to(3)
-
-    run_drive(drive)
+def test_a_journal_with_a_number_that_no_take_has_is_no_take(suite: Path, short_drive: Path, tmp_path: Path) -> None:
+    folder = copytree(short_drive, tmp_path / "drive")
     for number in (0, 2**32):
         copyfile(folder / "takes" / "1.actions.jsonl", folder / "takes" / f"{number}.actions.jsonl")
 
