@@ -173,7 +173,7 @@ def test_what_an_agent_would_have_done_changes_no_take(suite: Path, tmp_path: Pa
     run_drive(drive)
 
 
-@pytest.mark.full  # in `make test`: test_lost_drives goes back without checkpoints, and test_watchdog drives on from there
+@pytest.mark.full  # in `make test`: test_lost_drives goes back without checkpoints, test_watchdog drives on from there
 def test_takes_branch_without_checkpoints_too(suite: Path, tmp_path: Path) -> None:
     folder = tmp_path / "drive"
 
