@@ -16,6 +16,8 @@ from typing import Any
 import click
 
 import mdrive_sumo as md
+from mdrive_sumo.agents.learned.system_spec import SYSTEMS
+from mdrive_sumo.agents.registry import DETECTOR_AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.terminal import echo
@@ -29,7 +31,7 @@ SAMPLE: Mapping[str, tuple[tuple[str, int], ...]] = {
     "stationary": SHORT[1:],
     "single": (SHORT[0], ("corridor_061", 0)),
     **{f"perception-swap:{name}:profile": SHORT[:1] for name in ("attfuse", "disconet", "fcooper", "cobevt")},
-    **dict.fromkeys(("tcp", "vad", "uniad", "lmdrive"), SHORT[1:]),
+    **dict.fromkeys((*SYSTEMS, *DETECTOR_AGENTS), SHORT[1:]),
 }
 """Agents with another sample than `SHORT`: those that need a second or more for an episode have one."""
 

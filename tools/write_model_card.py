@@ -1,11 +1,13 @@
-"""Write the model cards of the learned systems: docs/models/NAME.md, from what was measured.
+"""Write the model cards of learned systems and detectors: docs/models/NAME.md, from what was measured.
 
-    python -m tools.write_model_card SYSTEM [--open-loop FILE] [--run CONDITION=RUN]... [--train COMMAND]
-        [--note TEXT] [--dry-run]
+    python -m tools.write_model_card NAME [--open-loop FILE] [--run CONDITION=RUN]... [--train COMMAND]...
+        [--note TEXT]... [--dry-run]
 
-FILE is what `mdrive-sumo learn evaluate --out` wrote; RUN is a folder of `mdrive-sumo eval --agent SYSTEM`, several
-of one condition are its seeds. Each option replaces its part of docs/models/SYSTEM.json, from which, and from the
-manifest of the packaged weights, the card is written. Without arguments all cards are written again; a test compares.
+NAME is a system, `detectors` (all but that of `codriving`) or `codriving`. FILE is what `mdrive-sumo learn evaluate
+--out` wrote, of systems only; precisions of detectors come from docs/results/values/detectors.json. RUN is a folder of
+`mdrive-sumo eval` with an agent of the card, several of one condition are its seeds. Each option replaces its part of
+docs/models/NAME.json, from which, and from the manifests of the packaged weights, the card is written. Without
+arguments all cards are written again; a test compares.
 """
 
 import json
@@ -18,6 +20,7 @@ from typing import Any
 
 import click
 
+from mdrive_sumo.agents.learned.fusion_spec import CODRIVING, TRAINED
 from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, read_manifest
@@ -25,7 +28,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.statistics import bootstrap_nested
 from mdrive_sumo.core.tables import TOO_FEW
+from mdrive_sumo.learning.fusion.detector_figures import FigureKey
+from mdrive_sumo.learning.fusion.detector_tables import DetectorSummary
 from mdrive_sumo.scoring import Results, compute_overall, load_results
+from tools.detector_values import PREFIX, read_detectors
+from tools.published_values import VALUES_FOLDER
 from tools.seed_runs import check_seed_runs
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
@@ -33,6 +40,32 @@ ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs" / "models"
 FAILURES = 8
 """Kinds of infractions that a card lists, the most frequent first."""
+DETECTORS = "detectors"
+CARD_DETECTORS: Mapping[str, tuple[str, ...]] = {
+    DETECTORS: tuple(name for name in TRAINED if name != CODRIVING),
+    CODRIVING: (CODRIVING,),
+}
+"""Cards of weights that share features, and whose weights each describes."""
+CARDS = (*SYSTEMS, *CARD_DETECTORS)
+INTRODUCTIONS: Mapping[str, str] = {
+    DETECTORS: "Networks of our own with the ideas of the published fusions of these names, trained on mdrive-sumo data"
+    " ([what they are](../fusion-frames.md)). They are not the published models, and their figures are not those of the"
+    " published models.",
+    CODRIVING: "Counterpart of CoDriving, trained on mdrive-sumo data ([what it is, and is not](../codriving.md)): a"
+    " network of our own. It is not the published model, and its scores are not those of the published model.",
+}
+TEST_SETS: Mapping[str, str] = {"detectors": "test", "detectors-crowds": "test, crowds"}
+"""Files of values with precisions, and the set that each was measured on."""
+SHOWN_PRECISIONS = (
+    FigureKey("clean", 0.5, "all"),
+    FigureKey("clean", 0.7, "all"),
+    FigureKey("0.2 m, 100 ms", 0.5, "all"),
+    FigureKey("0.6 m", 0.5, "all"),
+    FigureKey("300 ms", 0.5, "all"),
+    FigureKey("clean", 0.5, "50-100 m"),
+    FigureKey("clean", 0.5, "0 points"),
+)
+"""What a card says of precision; the last ones are where detectors fail."""
 PLAN_ROWS = (
     ("the network", "plan"),
     ("constant velocity", "constant_velocity"),
@@ -83,23 +116,109 @@ def format_card(system: str, measured: Mapping[str, Any], manifest: WeightsManif
                 ("parameters", f"{manifest.parameters:,}"),
                 ("cameras", ", ".join(camera for image in spec.images for camera in image.cameras)),
                 ("controller", f"`{spec.controller}`"),
+                ("plan head", f"`{manifest.plan_head}`"),
             ),
         ),
         "## Training\n\n" + _format_training(manifest.training, measured),
     ]
     if "open_loop" in measured:
         sections.append("## Open loop\n\n" + _format_open_loop(measured["open_loop"]))
+    return _join_sections(sections, measured)
+
+
+def format_detector_card(
+    card: str,
+    measured: Mapping[str, Any],
+    manifests: Mapping[str, tuple[WeightsManifest, WeightsManifest]],
+    precisions: Mapping[str, DetectorSummary],
+) -> str:
+    """Return a card of detectors as Markdown.
+
+    manifests: of encoder and fusion of each detector. precisions: by test set; none of `codriving`.
+    """
+    weights = [
+        (
+            f"`{name}`",
+            f"{sum(one.bytes for one in pair) / 1e6:.2f}",
+            f"{sum(one.parameters for one in pair):,}",
+            *(f"`{one.sha256[:16]}`" for one in pair),
+        )
+        for name, pair in manifests.items()
+    ]
+    names = ", ".join(f"`{name}`" for name in manifests)
+    header = ("detector", "both files [MB]", "parameters", "SHA-256 of the encoder", "of fusion and head")
+    sections = [
+        f"# Model card: {names}\n\n{INTRODUCTIONS[card]} Written by `python -m tools.write_model_card`.",
+        "## Weights\n\nTwo files for each, `NAME-encoder.onnx` and `NAME.onnx`, half precision.\n\n"
+        + _format_table(header, weights),
+        "## Training\n\n" + _format_detector_training({name: pair[1].training for name, pair in manifests.items()})
+        + _format_commands(measured),
+    ]  # fmt: skip
+    sections += [f"## Precision, {name}\n\n{_format_precisions(found)}" for name, found in precisions.items()]
+    return _join_sections(sections, measured)
+
+
+def _format_detector_training(trainings: Mapping[str, Mapping[str, Any]]) -> str:
+    header = (
+        "detector", "frames", "steps", "learning rate", "seed", "gate", "began with", "validation", "device", "minutes",
+    )  # fmt: skip
+    rows: list[Sequence[str]] = []
+    for name, training in trainings.items():
+        options: Mapping[str, Any] = training.get("options", {})
+        best: Mapping[str, Any] = training.get("best", {})
+        rows.append(
+            (
+                f"`{name}`",
+                f"{training.get('frames', '?')}: {', '.join(training.get('sources', ()))}",
+                f"{training.get('steps', '?')} of {options.get('batch', '?')} frames",
+                f"{options.get('learning_rate', '?')}",
+                f"{options.get('seed', '?')}",
+                "yes" if training.get("is_gated") else "no",
+                f"`{training['begun_with']['detector']}`" if "begun_with" in training else "random weights",
+                f"{best['precision']:.3f}" if "precision" in best else "?",
+                f"{training.get('device', '?')}, PyTorch {training.get('torch', '?')}",
+                f"{training['minutes']:.1f}" if "minutes" in training else "?",
+            )
+        )
+    return _format_table(header, rows) + (
+        "\n\nSteps and minutes are those up to the best weights, which are the packaged ones; validation is the mean of"
+        " the average precisions by which they were chosen, clean and with V2XSet's noise (`codriving`: and of the"
+        " overlap of its forecast)."
+    )
+
+
+def _format_precisions(summary: DetectorSummary) -> str:
+    def format_cell(name: str, key: FigureKey) -> str:
+        interval = summary.precisions[name].get(key)
+        if interval is None:
+            return ""
+        ends = "" if interval.ends is None else " [{:.1f}, {:.1f}]".format(*(100 * end for end in interval.ends))
+        return f"{100 * interval.mean:.1f}{ends}"
+
+    header = [f"AP@{key.min_iou} {key.condition if key.group == 'all' else key.group}" for key in SHOWN_PRECISIONS]
+    rows = [(f"`{name}`", *(format_cell(name, key) for key in SHOWN_PRECISIONS)) for name in summary.precisions]
+    data = next(iter(summary.about.values()))["data"]
+    return (
+        f"Average precision of vehicles in percent, on {data['frames']} frames at {len(data['places'])} places that no"
+        " training has seen; all of it is in [the results](../results/detectors.md).\n\n"
+        + _format_table(("detector", *header), rows)
+    )
+
+
+def _join_sections(sections: Sequence[str], measured: Mapping[str, Any]) -> str:
+    """Return the card: the sections, and what all cards end with."""
+    parts = list(sections)
     if "closed_loop" in measured:
-        sections.append("## Closed loop\n\n" + _format_closed_loop(measured["closed_loop"]))
+        parts.append("## Closed loop\n\n" + _format_closed_loop(measured["closed_loop"]))
     if "notes" in measured:
-        sections.append("## Notes\n\n" + "\n".join(f"- {note}" for note in measured["notes"]))
-    return "\n\n".join(sections) + "\n"
+        parts.append("## Notes\n\n" + "\n".join(f"- {note}" for note in measured["notes"]))
+    return "\n\n".join(parts) + "\n"
 
 
 def _format_training(training: Mapping[str, Any], measured: Mapping[str, Any]) -> str:
     options: Mapping[str, Any] = training.get("options", {})
     rows = [
-        ("data", f"{training.get('samples', '?')} samples: {', '.join(training.get('sources', ()))}"),
+        ("data", _describe_data(training)),
         ("kinds", ", ".join(f"{kind} {count}" for kind, count in training.get("kinds", {}).items()) or "?"),
         (
             "steps",
@@ -108,14 +227,32 @@ def _format_training(training: Mapping[str, Any], measured: Mapping[str, Any]) -
         ("device", f"{training.get('device', '?')}, PyTorch {training.get('torch', '?')}"),
         ("time", f"{training['minutes']:.1f} minutes" if "minutes" in training else "?"),
     ]
-    if begun := training.get("begun_with"):
-        sources = ", ".join(begun["sources"])
-        said = f"{begun['steps']} steps on {begun['samples']} samples ({sources}), {begun['minutes']:.1f} minutes"
-        rows.append(("weights it began with", said))
-    text = _format_table(("", ""), rows)
-    if commands := measured.get("commands"):
-        text += "\n\nTo train it again:\n\n```sh\n" + "\n".join(commands) + "\n```"
-    return text
+    if "best" in training:
+        best: Mapping[str, Any] = training["best"]
+        error = best["validation/ade_3s_m"]
+        rows.append(("weights of", f"step {best['step']}, with the least ADE over 3 s on validation: {error:.3f} m"))
+    rows += [
+        (f"weights it began with, {back} before" if back else "weights it began with", said)
+        for back, said in enumerate(_list_earlier(training))
+    ]
+    return _format_table(("", ""), rows) + _format_commands(measured)
+
+
+def _describe_data(training: Mapping[str, Any]) -> str:
+    """Return samples and data sets of a training."""
+    return f"{training.get('samples', '?')} samples: {', '.join(training.get('sources', ()))}"
+
+
+def _list_earlier(training: Mapping[str, Any]) -> Iterable[str]:
+    """Yield what the trainings were whose weights it began with, the last one first: rounds of DAgger."""
+    while begun := training.get("begun_with"):
+        yield f"{begun['steps']} steps on {_describe_data(begun)}; {begun['minutes']:.1f} minutes"
+        training = begun
+
+
+def _format_commands(measured: Mapping[str, Any]) -> str:
+    commands = measured.get("commands")
+    return "\n\nTo train it again:\n\n```sh\n" + "\n".join(commands) + "\n```" if commands else ""
 
 
 def _format_open_loop(found: Mapping[str, Any]) -> str:
@@ -168,23 +305,23 @@ class NewMeasurements:
     notes: Sequence[str] = ()
 
 
-def update_measured(system: str, new: NewMeasurements) -> dict[str, Any]:
-    """Return what is stored of a system with the new measurements. Raises InputError."""
-    path = FOLDER / f"{system}.json"
+def update_measured(card: str, new: NewMeasurements) -> dict[str, Any]:
+    """Return what is stored for a card with the new measurements. Raises InputError.
+
+    Measurements of other weights than those of a new open loop are dropped.
+    """
+    path = FOLDER / f"{card}.json"
     measured: dict[str, Any] = json.loads(path.read_text("utf-8")) if path.is_file() else {}
     if new.open_loop is not None:
-        measured["open_loop"] = json.loads(new.open_loop.read_text("utf-8"))
-        if (found := measured["open_loop"]["system"]) != system:
-            raise InputError(f"{new.open_loop}: expected a measurement of {system}, found one of {found}")
-    runs: dict[str, list[Results]] = defaultdict(list)
-    for text in new.runs:
-        condition, equals, folder = text.partition("=")
-        if not equals:
-            raise InputError(f"--run: expected CONDITION=RUN, found {text!r}")
-        runs[condition].append(results := load_results(Path(folder) / "results.json"))
-        if results.run.agent != system:
-            raise InputError(f"{folder}: expected a run of {system}, found one of {results.run.agent}")
-    for condition, found in runs.items():
+        if card not in SYSTEMS:
+            raise InputError(f"--open-loop: expected one of {', '.join(SYSTEMS)}, found {card}, which has none")
+        opened = json.loads(new.open_loop.read_text("utf-8"))
+        if (found := opened["system"]) != card:
+            raise InputError(f"{new.open_loop}: expected a measurement of {card}, found one of {found}")
+        if measured.get("open_loop", opened)["sha256"] != opened["sha256"]:
+            measured = {}
+        measured["open_loop"] = opened
+    for condition, found in _load_runs(card, new.runs).items():
         measured.setdefault("closed_loop", {})[condition] = summarise_runs(found)
     if new.commands:
         measured["commands"] = list(new.commands)
@@ -193,29 +330,68 @@ def update_measured(system: str, new: NewMeasurements) -> dict[str, Any]:
     return measured
 
 
+def _load_runs(card: str, texts: Sequence[str]) -> Mapping[str, Sequence[Results]]:
+    """Return runs by condition, of texts CONDITION=FOLDER. Raises InputError for those of another card."""
+    runs: dict[str, list[Results]] = defaultdict(list)
+    for text in texts:
+        condition, equals, folder = text.partition("=")
+        if not equals:
+            raise InputError(f"--run: expected CONDITION=RUN, found {text!r}")
+        runs[condition].append(results := load_results(Path(folder) / "results.json"))
+        if not _is_of_card(card, results.run.agent):
+            raise InputError(f"{folder}: expected a run of {card}, found one of {results.run.agent}")
+    return runs
+
+
+def _is_of_card(card: str, agent: str) -> bool:
+    """Return whether an agent drives with weights that a card describes."""
+    if card == DETECTORS:
+        return agent.startswith(PREFIX) and not agent.endswith(":profile")
+    return agent == card if card in SYSTEMS else agent.partition(":")[0] == card
+
+
 def list_cards() -> list[str]:
-    """Return the systems that have a file of measurements."""
-    return [system for system in SYSTEMS if (FOLDER / f"{system}.json").is_file()]
+    """Return the cards that have a file of measurements."""
+    return [card for card in CARDS if (FOLDER / f"{card}.json").is_file()]
 
 
-def load_measured(system: str) -> dict[str, Any]:
-    """Return what is stored of a system."""
-    return json.loads((FOLDER / f"{system}.json").read_text("utf-8"))
+def load_measured(card: str) -> dict[str, Any]:
+    """Return what is stored for a card."""
+    return json.loads((FOLDER / f"{card}.json").read_text("utf-8"))
 
 
-def build_card(system: str, measured: Mapping[str, Any]) -> str:
-    """Return the card of a system. Raises InputError for measurements of other weights than the packaged ones."""
-    manifest = read_manifest(WEIGHTS_FOLDER / f"{system}.json")
+def build_card(card: str, measured: Mapping[str, Any]) -> str:
+    """Return a card. Raises InputError for measurements of other weights than the packaged ones."""
+    if card in CARD_DETECTORS:
+        return _build_detector_card(card, measured)
+    manifest = read_manifest(WEIGHTS_FOLDER / f"{card}.json")
     if (found := measured["open_loop"]["sha256"]) != manifest.sha256:
         raise InputError(
-            f"{system}: expected measurements of the packaged weights {manifest.sha256:.16}..., found those of"
+            f"{card}: expected measurements of the packaged weights {manifest.sha256:.16}..., found those of"
             f" {found:.16}...; measure them anew"
         )
-    return format_card(system, measured, manifest)
+    return format_card(card, measured, manifest)
+
+
+def _build_detector_card(card: str, measured: Mapping[str, Any]) -> str:
+    manifests = {
+        name: (read_manifest(WEIGHTS_FOLDER / f"{name}-encoder.json"), read_manifest(WEIGHTS_FOLDER / f"{name}.json"))
+        for name in CARD_DETECTORS[card]
+    }
+    precisions: dict[str, DetectorSummary] = {}
+    for file, test_set in TEST_SETS.items() if card == DETECTORS else ():
+        path = VALUES_FOLDER / f"{file}.json"
+        if not path.is_file():
+            continue
+        precisions[test_set] = summary = read_detectors(path)
+        for name, (_, manifest) in manifests.items():
+            if name in summary.about and summary.about[name].get("training") != manifest.training:
+                raise InputError(f"{path}: {name}: expected figures of the packaged weights, found those of others")
+    return format_detector_card(card, measured, manifests, precisions)
 
 
 @click.command(cls=ToolCommand, context_settings=HELP)
-@click.argument("system", required=False, type=click.Choice(tuple(SYSTEMS)))
+@click.argument("card", required=False, metavar="[NAME]", type=click.Choice(CARDS))
 @click.option("--open-loop", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="A new measurement.")
 @click.option("--run", "runs", multiple=True, metavar="CONDITION=RUN", help="A run folder; may be repeated.")
 @click.option(
@@ -223,13 +399,13 @@ def build_card(system: str, measured: Mapping[str, Any]) -> str:
 )
 @click.option("--note", "notes", multiple=True, metavar="TEXT", help="A line of the card; may be repeated.")
 @dry_run_option
-def main(system: str | None, *, dry_run: bool, **new: Any) -> None:
-    """Write the card of SYSTEM with new measurements, or all cards from what is stored."""
-    if system is None and any(new.values()):
-        raise InputError("expected a SYSTEM with these options, found none")
+def main(card: str | None, *, dry_run: bool, **new: Any) -> None:
+    """Write the card NAME with new measurements, or all cards from what is stored."""
+    if card is None and any(new.values()):
+        raise InputError("expected the NAME of a card with these options, found none")
     with tempfile.TemporaryDirectory() as scratch:
-        for name in [system] if system else list_cards():
-            measured = update_measured(name, NewMeasurements(**new)) if system else load_measured(name)
+        for name in [card] if card else list_cards():
+            measured = update_measured(name, NewMeasurements(**new)) if card else load_measured(name)
             write_text(Path(scratch, f"{name}.json"), json.dumps(measured, indent=1) + "\n")
             write_text(Path(scratch, f"{name}.md"), build_card(name, measured))
         replace_changed_files(Path(scratch), FOLDER, dry_run=dry_run)

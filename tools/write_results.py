@@ -19,6 +19,7 @@ from typing import Any
 
 import click
 
+from mdrive_sumo.agents.learned.fusion_spec import BOUNDS, FUSIONS
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_parents, write_text
@@ -41,6 +42,16 @@ DESCRIPTION_BY_AGENT: Mapping[str, str] = {
     "perception-swap:disconet:profile": "the same, another detector",
     "perception-swap:fcooper:profile": "the same, another detector",
     "perception-swap:cobevt:profile": "the same, another detector",
+    "perception-swap:none": "the same rule behind a trained detector of the own LiDAR's scans",
+    "perception-swap:late": "the same, with the boxes that others find",
+    "perception-swap:early": "the same, with the points of others: a bound, which no radio carries",
+    "perception-swap:attfuse": "the same, with features of others, fused as AttFuse does",
+    "perception-swap:disconet": "the same, fused as DiscoNet does",
+    "perception-swap:fcooper": "the same, fused as F-Cooper does",
+    "perception-swap:cobevt": "the same, fused as CoBEVT does",
+    "codriving:alone": "`codriving` that neither sends nor reads messages",
+    "codriving": "counterpart of CoDriving, trained on mdrive-sumo data: asks others for features of its way, 5 m/s",
+    "codriving:fast": "the same without the cap of 5 m/s",
     "tcp": "counterpart of TCP, trained on mdrive-sumo data: sees through one front camera",
     "lmdrive": "counterpart of LMDrive, the same data: four cameras, LiDAR, instructions in English",
     "uniad": "counterpart of UniAD, the same data: six cameras",
@@ -53,8 +64,17 @@ DESCRIPTION_BY_AGENT: Mapping[str, str] = {
     "omniscient": "privileged, every state and plan: the upper bound",
 }
 """Rows of the tables, in this order."""
+SWAPS = "perception-swap:*"
+FAMILIES: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    SWAPS: (
+        "hazard rule of CARLA's BasicAgent behind seven trained detectors, from least to greatest",
+        tuple(f"{SWAPS[:-1]}{name}" for name in (*BOUNDS, *FUSIONS)),
+    ),
+}
+"""Rows that stand for several agents: what they do, and which they are."""
 README_AGENTS = (
-    "constant-speed", "take-turns", *SYSTEMS, "idm", "single", "sharing", "sharing+negotiation", "omniscient",
+    "constant-speed", "take-turns", SWAPS, "codriving", *SYSTEMS, "idm", "single", "sharing", "sharing+negotiation",
+    "omniscient",
 )  # fmt: skip
 ALL_SEEDS = [0, 1, 2]
 """Of the tables; a row of fewer says which."""
@@ -119,22 +139,38 @@ def _check_runs(runs: Sequence[Results]) -> None:
 
 
 def format_baselines(rows: Mapping[str, Any], agents: Iterable[str]) -> str:
-    """Return the Markdown table of the agents that have a row: DS / SR by bucket, and what they say of time."""
+    """Return the Markdown table of the agents that have a row: DS / SR by bucket, and what they say of time.
+
+    agents: or names in `FAMILIES`, whose row has the least and the greatest value of those members that have one.
+    """
     header = ("Agent", "What it does", *BUCKETS, "Overall", "Efficient SR", "Time ratio")
     lines = _format_header(header)
-    for agent in (agent for agent in agents if agent in rows):
-        scores = rows[agent]["scores"]
-        cells = [f"{scores[name]['ds']:.2f} / {scores[name]['sr']:.2f}" for name in (*BUCKETS, "overall")]
-        cells += [_format_score(scores["overall"], name) for name in ("efficient_sr", "time_ratio")]
-        lines.append(f"| `{agent}` | {_describe_row(agent, rows[agent])} | {' | '.join(cells)} |")
+    for agent in agents:
+        description, members = FAMILIES.get(agent, (DESCRIPTION_BY_AGENT.get(agent, ""), (agent,)))
+        found = [rows[member] for member in members if member in rows]
+        if found:
+            cells = [
+                " / ".join(_format_range(found, bucket, score) for score in ("ds", "sr"))
+                for bucket in (*BUCKETS, "overall")
+            ]
+            cells += [_format_range(found, "overall", name) for name in ("efficient_sr", "time_ratio")]
+            lines.append(f"| `{agent}` | {description}{_describe_seeds(found)} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def _describe_row(agent: str, row: Mapping[str, Any]) -> str:
-    """Return what an agent does, and its seeds if they are not all."""
-    seeds = row["seeds"]
-    lacking = "" if seeds == ALL_SEEDS else f" (seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))} only)"
-    return DESCRIPTION_BY_AGENT[agent] + lacking
+def _format_range(rows: Sequence[Mapping[str, Any]], bucket: str, name: str) -> str:
+    """Return a score, of several rows the least and the greatest that are defined."""
+    values = [value for row in rows if (value := row["scores"][bucket][name]) is not None]
+    if not values:
+        return "-"
+    ends = dict.fromkeys(f"{end:.2f}" for end in (min(values), max(values)))
+    return " to ".join(ends)
+
+
+def _describe_seeds(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the seeds of rows if they are not all; "" otherwise."""
+    seeds = sorted({*ALL_SEEDS}.intersection(*(row["seeds"] for row in rows)))
+    return "" if seeds == ALL_SEEDS else f" (seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))} only)"
 
 
 def format_times(rows: Mapping[str, Any], agents: Iterable[str]) -> str:

@@ -7,13 +7,13 @@ import pytest
 from testing.camera_scenes import needs_opengl
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
+from mdrive_sumo.agents.registry import DETECTOR_AGENTS
 from tools.sample_episodes import drive_episode, list_sample, load_episodes
 from tools.write_results import BASELINES, DESCRIPTION_BY_AGENT, ROOT
 
 ROWS = json.loads((ROOT / BASELINES).read_text("utf-8"))
-COSTLY = [*SYSTEMS]
-COSTLY.remove("tcp")
-"""Learned systems with several cameras: five seconds an episode. `tcp` drives the same code in half of that."""
+COSTLY = {*SYSTEMS, *DETECTOR_AGENTS} - {"tcp", "perception-swap:attfuse", "codriving"}
+"""Learned agents: five seconds an episode. One of each kind drives the code of the others."""
 
 
 def test_every_row_names_a_commit_and_has_a_sample() -> None:
@@ -32,7 +32,7 @@ def _list_marks(agent: str) -> list[pytest.MarkDecorator]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "agent",
-    # covered in `make test` by tcp, and by the fixed pictures and plans of tests/mdrive_sumo/agents/learned
+    # covered in `make test` by one agent of each kind, and by tests/mdrive_sumo/agents/learned
     [pytest.param(agent, marks=_list_marks(agent)) for agent in ROWS],
 )
 def test_a_row_is_what_its_agent_drives_now(agent: str) -> None:

@@ -1,15 +1,21 @@
 """Model cards say what was measured; those of the repository are up to date."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
-from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.learning.fusion.detector_figures import FigureKey
+from mdrive_sumo.learning.fusion.detector_tables import DetectorSummary, write_detectors_json
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, load_unchecked_results, save_results, summarize_run
 from tools import write_model_card
 from tools.write_model_card import (
+    CARD_DETECTORS,
     NewMeasurements,
     build_card,
     format_card,
@@ -114,6 +120,92 @@ def test_a_card_says_what_was_measured(tmp_path: Path, monkeypatch: pytest.Monke
     ):
         assert text in card
     assert measured["closed_loop"]["as packaged"]["ds"] == 75.0
+
+
+def test_a_card_has_the_rounds_of_dagger_and_their_data_sets() -> None:
+    """Each training began with the weights of the one before; the last one is what is packaged."""
+    first = {"steps": 4, "samples": 10, "sources": ["a"], "minutes": 1.0, "checkpoint": "out/1/weights.pt"}
+    second = {"steps": 5, "samples": 20, "sources": ["a", "d1-tcp"], "minutes": 2.0, "begun_with": first}
+    best = {"step": 6, "validation/ade_3s_m": 0.75}
+    training = {**MANIFEST.training, "sources": ["a", "d1-tcp", "d2-tcp"], "begun_with": second, "best": best}
+    card = format_card("tcp", {}, MANIFEST.model_copy(update={"training": training, "plan_head": "anchors"}))
+    for text in (
+        "| plan head | `anchors` |",
+        "| data | 1000 samples: a, d1-tcp, d2-tcp |",
+        "| weights of | step 6, with the least ADE over 3 s on validation: 0.750 m |",
+        "| weights it began with | 5 steps on 20 samples: a, d1-tcp; 2.0 minutes |",
+        "| weights it began with, 1 before | 4 steps on 10 samples: a; 1.0 minutes |",
+    ):
+        assert text in card
+
+
+def test_measurements_of_earlier_weights_are_dropped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(write_model_card, "FOLDER", tmp_path)
+    old = {"open_loop": OPEN_LOOP, "closed_loop": {"as packaged": {}}, "notes": ["slow"]}
+    (tmp_path / "tcp.json").write_text(json.dumps(old))
+    (tmp_path / "same.json").write_text(json.dumps(OPEN_LOOP))
+    (tmp_path / "other.json").write_text(json.dumps(OPEN_LOOP | {"sha256": "1" * 64}))
+    assert update_measured("tcp", NewMeasurements(tmp_path / "same.json")) == old
+    assert {*update_measured("tcp", NewMeasurements(tmp_path / "other.json"))} == {"open_loop"}
+
+
+def save_detectors(folder: Path, training: Mapping[str, object]) -> None:
+    """Manifests of all detectors, and in a folder of its own precisions of two."""
+    for name in (*CARD_DETECTORS["detectors"], "codriving"):
+        for part in (f"{name}-encoder", name):
+            manifest = MANIFEST.model_copy(update={"system": part, "bytes": 500_000, "training": training})
+            write_manifest(manifest, folder / f"{part}.json")
+    key = FigureKey("clean", 0.5, "0 points")
+    interval = ConfidenceInterval(0.125, 0.1, 0.15, 12)
+    about = {name: {"data": {"frames": 100, "places": ["p"] * 12}, "training": training} for name in ("none", "late")}
+    summary = DetectorSummary(about, {name: {key: interval} for name in about}, {}, {})
+    (folder / "values").mkdir()
+    (folder / "values" / "detectors-crowds.json").write_text(write_detectors_json(summary))
+
+
+def test_a_card_of_detectors_says_how_each_was_trained_and_what_it_finds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, folder in (("FOLDER", "cards"), ("WEIGHTS_FOLDER", "."), ("VALUES_FOLDER", "values")):
+        monkeypatch.setattr(write_model_card, name, tmp_path / folder)
+    monkeypatch.setattr(write_model_card, "load_results", load_unchecked_results)
+    training = {
+        "frames": 24_000, "sources": ["d/train", "d/crowds"], "steps": 5000, "is_gated": True, "device": "H100",
+        "options": {"batch": 32, "seed": 0, "learning_rate": 6e-4}, "best": {"precision": 0.71, "step": 5000},
+        "begun_with": {"checkpoint": "out/none/best.pt", "detector": "none"}, "torch": "2.11", "minutes": 4.5,
+    }  # fmt: skip
+    save_detectors(tmp_path, training)
+    done = CliRunner().invoke(write_model_card.main, ["detectors", "--train", "learn train-detector", "--note", "late"])
+    assert done.exit_code == 0, done.output
+    card = (tmp_path / "cards" / "detectors.md").read_text()
+    for text in (
+        "# Model card: `none`, `early`, `attfuse`, `disconet`, `fcooper`, `cobevt`",
+        "| `attfuse` | 1.00 | 2,469,134 | `0000000000000000` |",
+        "| `attfuse` | 24000: d/train, d/crowds | 5000 of 32 frames | 0.0006 | 0 | yes | `none` | 0.710 |",
+        "| H100, PyTorch 2.11 | 4.5 |",
+        "learn train-detector",
+        "## Precision, test, crowds",
+        "| `late` |  |  |  |  |  |  | 12.5 [10.0, 15.0] |",
+        "- late",
+    ):
+        assert text in card
+    results = make_results(0, {"a": 50.0})
+    results = results.model_copy(update={"run": results.run.model_copy(update={"agent": "codriving:fast"})})
+    save_results(results, tmp_path / "results.json")
+    done = CliRunner().invoke(write_model_card.main, ["codriving", "--run", f"without the cap={tmp_path}"])
+    assert done.exit_code == 0, done.output
+    card = (tmp_path / "cards" / "codriving.md").read_text()
+    assert "| without the cap | interdrive | 0 | 50.00 |" in card and "## Precision" not in card
+    for words, says in (
+        (["detectors", "--run", f"x={tmp_path}"], "expected a run of detectors, found one of codriving:fast"),
+        (["codriving", "--open-loop", str(tmp_path / "codriving.json")], "found codriving, which has none"),
+        (["--note", "x"], "expected the NAME of a card with these options, found none"),
+    ):
+        done = CliRunner().invoke(write_model_card.main, words)
+        assert done.exit_code == 2 and says in done.output
+    write_manifest(MANIFEST.model_copy(update={"system": "none"}), tmp_path / "none.json")
+    done = CliRunner().invoke(write_model_card.main, [])
+    assert done.exit_code == 2 and "none: expected figures of the packaged weights" in done.output
 
 
 def test_the_cards_of_the_repository_are_up_to_date() -> None:

@@ -8,7 +8,7 @@ import pytest
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, load_unchecked_results, save_results, summarize_run
 from tools import write_results
-from tools.write_results import BUCKETS, build_row, build_rows, format_baselines, format_times
+from tools.write_results import BUCKETS, SWAPS, build_row, build_rows, format_baselines, format_times
 
 
 def scenario(bucket: str, seed: int, ds: float, time_ratio: float | None, efficient_sr: float | None) -> ScenarioResult:
@@ -65,6 +65,22 @@ def test_a_row_of_fewer_seeds_says_which() -> None:
     cells = [line.split(" | ")[1] for line in format_baselines(rows, ("idm", "single", "vad")).splitlines()[2:]]
     assert [cell.endswith("only)") for cell in cells] == [True, False, True]
     assert "(seed 0 only)" in cells[0] and "(seeds 0, 2 only)" in cells[2]
+
+
+def test_a_row_of_a_family_has_the_least_and_the_greatest_of_its_members() -> None:
+    """Of seven detectors two are driven, one of them with one seed; the surrogates' profiles are no members."""
+    rows = build_rows(
+        [
+            *(run(seed, 60.0, agent="perception-swap:none") for seed in (0, 1, 2)),
+            run(0, 70.5, None, 40.0, agent="perception-swap:attfuse"),
+            run(0, 99.0, agent="perception-swap:attfuse:profile"),
+        ],
+        "abc",
+    )
+    *_, line = format_baselines(rows, (SWAPS,)).splitlines()
+    assert line.startswith("| `perception-swap:*` | ") and "(seed 0 only) | 60.00 to 70.50 / 60.00 to 70.50 |" in line
+    assert line.endswith("| 40.00 to 50.00 | 1.50 |")
+    assert len(format_baselines({}, (SWAPS,)).splitlines()) == 2
 
 
 @pytest.mark.parametrize(
