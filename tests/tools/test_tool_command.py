@@ -18,6 +18,7 @@ from tools.tool_command import replace_changed_files
 MODULES = [f"tools.{module.name}" for module in pkgutil.iter_modules(tools.__path__)]
 PARTS = {
     "tools.aim_tables",
+    "tools.detector_values",
     "tools.docs_site",
     "tools.paper_values",
     "tools.published_values",
@@ -27,6 +28,7 @@ PARTS = {
 """Modules of tools that are no commands."""
 COMMANDS = sorted({*MODULES} - PARTS)
 WITHOUT_DRY_RUN = {
+    "tools.codriving_values",
     "tools.draw_world_sheets",
     *("tools.compare_platforms", "tools.detector_calibration", "tools.draw_camera_pictures"),
     "tools.sample_episodes",
@@ -56,7 +58,7 @@ def test_a_tool_ends_with_a_sentence(tmp_path: Path) -> None:
     for name, arguments, sentence in (
         ("tools.build_lone_suite", [str(tmp_path)], "expected a folder that does not exist yet"),
         ("tools.build_networks", ["--dry-run", "no_such_network"], "network 'no_such_network'"),
-        ("tools.write_model_card", ["--note", "fast"], "expected a SYSTEM with these options, found none"),
+        ("tools.write_model_card", ["--note", "fast"], "expected the NAME of a card with these options, found none"),
         ("tools.write_results", ["--dry-run", str(tmp_path)], "--commit: expected the commit"),
         ("tools.write_results", ["--dry-run", "--commit", "abc", str(tmp_path)], "results.json"),
         ("tools.sample_episodes", ["nobody"], "agent: expected one with a row"),
