@@ -19,3 +19,15 @@ def one_thread() -> None:
     import torch
 
     torch.set_num_threads(1)
+
+
+@pytest.fixture
+def drawn_curves() -> None:
+    """Trainings of a test that asks for this draw curves.png."""
+
+
+@pytest.fixture(autouse=True)
+def no_curves(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw nothing else: matplotlib takes as long as some steps of training."""
+    if "drawn_curves" not in request.fixturenames:
+        monkeypatch.setattr("mdrive_sumo.learning.training.training_curves.draw_curves", lambda _: None)

@@ -13,8 +13,10 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.learning import sample_reader
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
 from mdrive_sumo.learning.training import run_training as running
+from mdrive_sumo.learning.training import smoke_test
 from mdrive_sumo.learning.training.run_training import Arrays, TrainingRun
 from mdrive_sumo.learning.training.trainer import Trainer
+from mdrive_sumo.learning.training.training_options import TrainingOptions
 
 
 def load(_: object, spec: SystemSpec, __: int) -> Arrays:
@@ -31,6 +33,7 @@ def made_up_data(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sample_reader, "load_arrays", load)
 
 
+@pytest.mark.usefixtures("drawn_curves")
 @pytest.mark.parametrize("system", ["tcp", "vad"])
 def test_from_data_to_weights_that_are_measured(system: str, tmp_path: Path) -> None:
     out, weights, metrics = tmp_path / "run", tmp_path / "weights", tmp_path / "new" / "open-loop.json"
@@ -51,7 +54,8 @@ def test_from_data_to_weights_that_are_measured(system: str, tmp_path: Path) -> 
     assert ("control_l1" in found) == SYSTEMS[system].answers_control
 
 
-def test_a_training_is_not_overwritten(tmp_path: Path) -> None:
+def test_a_training_is_not_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(smoke_test, "STEPS", 20)  # the first and the last ten
     steps = ("--data", str(tmp_path), "--out", str(tmp_path), "--steps", "2", "--batch", "2", "--device", "cpu")
     assert run("train", "tcp", *steps).exit_code == 0
     before = (tmp_path / "checkpoint.pt").read_bytes()
@@ -94,6 +98,6 @@ def test_training_needs_data(tmp_path: Path) -> None:
 
 
 def test_weights_of_another_system_are_refused(tmp_path: Path) -> None:
-    assert run("train", "tcp", "--smoke", "--device", "cpu", "--out", str(tmp_path)).exit_code == 0
-    result = run("export", "vad", "--checkpoint", str(tmp_path / "smoke"), "--out", str(tmp_path))
+    Trainer("tcp", TrainingOptions(), torch.device("cpu")).save(tmp_path / "run")
+    result = run("export", "vad", "--checkpoint", str(tmp_path / "run"), "--out", str(tmp_path))
     assert result.exit_code == 2 and "expected a checkpoint of 'vad', found one of 'tcp'" in result.output

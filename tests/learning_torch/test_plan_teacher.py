@@ -15,6 +15,7 @@ from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
+from mdrive_sumo.learning.training import smoke_test
 from mdrive_sumo.learning.training.anchor_losses import compute_anchor_losses
 from mdrive_sumo.learning.training.checkpoint import load_checkpoint
 from mdrive_sumo.learning.training.export_network import MOST_BYTES, export_network
@@ -134,7 +135,8 @@ def test_every_system_learns_anchors_and_is_exported(system: str, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_the_smoke_test_lowers_the_loss_of_anchors(tmp_path: Path) -> None:
+def test_the_smoke_test_lowers_the_loss_of_anchors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(smoke_test, "STEPS", 30)  # the first ten and the last ten are compared
     steps = ("--smoke", "--plan-head", "anchors", "--device", "cpu", "--out", str(tmp_path))
     trained = CliRunner().invoke(main, ["learn", "train", "tcp", *steps])
     assert trained.exit_code == 0, trained.output

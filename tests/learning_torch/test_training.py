@@ -39,6 +39,7 @@ def make_trainer(system: str = "tcp", options: TrainingOptions = OPTIONS) -> tup
     return Trainer(system, options, CPU), TrainingData(SYSTEMS[system], arrays, CPU)
 
 
+@pytest.mark.usefixtures("drawn_curves")
 def test_the_smoke_test_lowers_the_loss(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["learn", "train", "tcp", "--smoke", "--device", "cpu", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
@@ -163,28 +164,23 @@ def make_run(folder: Path) -> TrainingRun:
     return TrainingRun("tcp", replace(OPTIONS, steps=2), "cpu", folder, arrays, sources=("data/a",))
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"sources": ("data/b",)}, r"sources: expected \['data/a'\], as the training began, found \['data/b'\]"),
-        ({"options": replace(OPTIONS, steps=4, seed=9)}, "--seed: expected 0, as the training began, found 9"),
-        ({"options": replace(OPTIONS, steps=4, batch=4)}, "--batch: expected 2, as the training began, found 4"),
-        ({"data": build_synthetic_arrays(SYSTEMS["tcp"], 20, seed=0)}, "kinds: expected {'cruise': "),
-    ],
-)
-def test_a_resumed_run_is_the_run_that_began(change: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_a_resumed_run_is_the_run_that_began_and_no_other_begins_over_it(tmp_path: Path) -> None:
     run = make_run(tmp_path)
     run_training(run, silent)
-    with pytest.raises(InputError, match=message):
-        run_training(replace(run, is_resumed=True, **change), silent)
-    longer = replace(run, is_resumed=True, options=replace(OPTIONS, steps=4, learning_rate=1e-4))
-    assert load_checkpoint(run_training(longer, silent)).step == 4
-
-
-def test_a_run_is_not_begun_over_another(tmp_path: Path) -> None:
-    run_training(make_run(tmp_path), silent)
     with pytest.raises(InputError, match="expected no training there, found one; --resume goes on with it"):
-        run_training(make_run(tmp_path), silent)
+        run_training(run, silent)
+    longer = replace(OPTIONS, steps=4)
+    changes: tuple[tuple[dict[str, Any], str], ...] = (
+        ({"sources": ("data/b",)}, r"sources: expected \['data/a'\], as the training began, found \['data/b'\]"),
+        ({"options": replace(longer, seed=9)}, "--seed: expected 0, as the training began, found 9"),
+        ({"options": replace(longer, batch=4)}, "--batch: expected 2, as the training began, found 4"),
+        ({"data": build_synthetic_arrays(SYSTEMS["tcp"], 20, seed=0)}, "kinds: expected {'cruise': "),
+    )
+    for change, message in changes:
+        with pytest.raises(InputError, match=message):
+            run_training(replace(run, is_resumed=True, **change), silent)
+    resumed = replace(run, is_resumed=True, options=replace(longer, learning_rate=1e-4))
+    assert load_checkpoint(run_training(resumed, silent)).step == 4
 
 
 def test_a_run_goes_on_on_another_kind_of_device(tmp_path: Path) -> None:

@@ -86,8 +86,9 @@ def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None =
         samples += [_take_sample(spec, arrays, row) for row in rows.tolist()]
     inputs, outputs = list(samples[0]), list(describe_outputs(spec, plan_head=checkpoint.plan_head))
     write_onnx(_Positional(halved, inputs, outputs).eval(), samples[0], outputs, path)
-    difference = find_largest(_compare(halved, path, sample) for sample in samples)
-    rounding = find_largest(_compare(network, path, sample) for sample in samples)
+    file = OnnxFile(path)
+    difference = find_largest(_compare(halved, file, sample) for sample in samples)
+    rounding = find_largest(_compare(network, file, sample) for sample in samples)
     _check(path, difference)
     manifest = _build_manifest(checkpoint, path, network, samples[0])
     write_manifest(manifest, path.with_suffix(".json"))
@@ -166,22 +167,29 @@ def store_half(model: onnx.ModelProto) -> None:
         model.graph.node.insert(0, node)
 
 
-def run_onnx(path: Path, inputs: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.NDArray[np.float32]]:
-    """Return the outputs by name of an exported network, by onnxruntime on one core."""
-    import onnxruntime  # here: only the check of an export needs it
+class OnnxFile:
+    """An exported network, by onnxruntime on one core."""
 
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    names = [output.name for output in session.get_outputs()]
-    return {name: np.asarray(each) for name, each in zip(names, session.run(names, dict(inputs)), strict=True)}
+    def __init__(self, path: Path) -> None:
+        """A session takes as long to make as five answers (cProfile of an export of `tcp` and `vad`)."""
+        import onnxruntime  # here: only the check of an export needs it
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        self._names = [output.name for output in self._session.get_outputs()]
+
+    def run(self, inputs: Mapping[str, Tensor]) -> dict[str, npt.NDArray[np.float32]]:
+        """Return the outputs by name."""
+        found = self._session.run(self._names, {name: each.numpy() for name, each in inputs.items()})
+        return {name: np.asarray(each) for name, each in zip(self._names, found, strict=True)}
 
 
-def _compare(network: nn.Module, path: Path, sample: Mapping[str, Tensor]) -> float:
+def _compare(network: nn.Module, file: OnnxFile, sample: Mapping[str, Tensor]) -> float:
     """Return the largest difference of plan, scores and control between the file and the network."""
     with torch.no_grad():
         expected = network(dict(sample))
-    found = run_onnx(path, {name: each.numpy() for name, each in sample.items()})
+    found = file.run(sample)
     pairs = [(found[name], each.numpy()) for name, each in expected.items() if name != "bev"]
     return find_largest(float(np.abs(one - other).max()) for one, other in pairs)
 

@@ -31,7 +31,7 @@ from mdrive_sumo.learning.fusion.networks.detection_head import compute_scores
 from mdrive_sumo.learning.fusion.networks.fusion_network import FusionNetwork
 from mdrive_sumo.learning.networks.build_network import count_parameters
 from mdrive_sumo.learning.training.checkpoint import Checkpoint, take_weights
-from mdrive_sumo.learning.training.export_network import find_largest, halve_weights, run_onnx, write_onnx
+from mdrive_sumo.learning.training.export_network import OnnxFile, find_largest, halve_weights, write_onnx
 
 MAX_FILES_BYTES = 2_000_000
 """Of both files together: they are part of the package."""
@@ -134,9 +134,10 @@ def export_fusion(checkpoint: Checkpoint, folder: Path) -> ExportedDetector:
     write_onnx(_EncoderAnswer(halved).eval(), grid, list(ENCODER_OUTPUTS), encoder)
     any_length = {name: {0: "cars"} for name in frames[-1] if name != "tracks"} if is_fusion else None
     write_onnx(wrap(halved).eval(), frames[-1], list(describe_fusion_outputs(network.detector)), fusion, any_length)
+    encodes, fuses = OnnxFile(encoder), OnnxFile(fusion)
     difference, rounding = (
         find_largest(
-            (_compare(_EncoderAnswer(one), encoder, grid), *(_compare(wrap(one), fusion, frame) for frame in frames))
+            (_compare(_EncoderAnswer(one), encodes, grid), *(_compare(wrap(one), fuses, frame) for frame in frames))
         )
         for one in (halved, network)
     )
@@ -174,11 +175,11 @@ def _make_frame(cars: int, detector: str) -> dict[str, Tensor]:
     return frame
 
 
-def _compare(network: nn.Module, path: Path, inputs: Mapping[str, Tensor]) -> float:
+def _compare(network: nn.Module, file: OnnxFile, inputs: Mapping[str, Tensor]) -> float:
     """Return the largest difference between the answers of a file and of a network."""
     with torch.no_grad():
         expected = network.eval()(*inputs.values())
-    found = run_onnx(path, {name: each.numpy() for name, each in inputs.items()})
+    found = file.run(inputs)
     return find_largest(
         float(np.abs(one - other.numpy()).max()) for one, other in zip(found.values(), expected, strict=True)
     )
