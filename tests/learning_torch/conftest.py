@@ -30,4 +30,8 @@ def drawn_curves() -> None:
 def no_curves(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw nothing else: matplotlib takes as long as some steps of training."""
     if "drawn_curves" not in request.fixturenames:
-        monkeypatch.setattr("mdrive_sumo.learning.training.training_curves.draw_curves", lambda _: None)
+        monkeypatch.setattr("mdrive_sumo.learning.training.training_curves.draw_curves", draw_nothing)
+
+
+def draw_nothing(path: Path) -> None:
+    """Stands for `draw_curves`."""
