@@ -8,9 +8,16 @@ from typing import Any
 import click
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
+from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.cli.options import get_command_line, workers_option
 from mdrive_sumo.cli.setting_options import add_options, seed_options, setting_option
-from mdrive_sumo.cli.study_options import drive_with_display, parse_agent_names, warn_about_failures
+from mdrive_sumo.cli.study_options import (
+    agent_config_option,
+    drive_with_display,
+    parse_agent_configs,
+    parse_agent_names,
+    warn_about_failures,
+)
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_command
 from mdrive_sumo.core.tables import format_text
@@ -19,9 +26,10 @@ from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare, prepare_with_suite
-from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
 from mdrive_sumo.study.human.human_results import HumanStudyResults
 from mdrive_sumo.study.human.write_human_results import load_stored_human_results
+from mdrive_sumo.study.paper.detector_precision import DetectorPrecisions, load_precisions
 from mdrive_sumo.study.paper.paper_agents import prepare_installed_agents
 from mdrive_sumo.study.paper.paper_files import write_paper
 from mdrive_sumo.study.paper.paper_numbers import compute_paper_numbers
@@ -39,11 +47,18 @@ from mdrive_sumo.study.study_runs import RUNS_FOLDER
 @click.option(
     "--agents", metavar="A,B,...", help="Agents, each as --agent of `eval` [default: all that are installed]."
 )
+@agent_config_option
 @click.option(
     "--human-study",
     type=click.Path(path_type=Path),
     metavar="DIR",
     help="A study with persons (study human), whose results are written, for RQ4 [default: none].",
+)
+@click.option(
+    "--detectors",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="detectors.json of `learn evaluate-detectors`, whose precisions stand beside driving in RQ3 [default: none].",
 )
 @setting_option("suite", default="mdrive")
 @add_options(seed_options(first="The first seed; 0: as written.", count="How many seeds."))
@@ -66,7 +81,7 @@ def command(ctx: click.Context, **options: object) -> None:
     for name, why in prepared.left_out.items():
         echo(f"left out: {name}: {why}", err=True)
     rows = drive_with_display(ctx, prepared.study)
-    numbers = compute_paper_numbers(prepared.study, rows)
+    numbers = compute_paper_numbers(prepared.study, rows, prepared.precisions)
     request = PaperRequest(hide_command(get_command_line(), given.out), prepared.left_out, prepared.humans)
     pages = write_paper(given.out, numbers, request, prepared.about)
     echo(format_text(build_main_table(numbers.compared)))
@@ -95,6 +110,7 @@ class _PreparedStudy:
     about: Mapping[str, Any]
     """The content of `study_plan.json`."""
     humans: HumanStudyResults | None
+    precisions: DetectorPrecisions
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +121,9 @@ class _PaperOptions:
     quick: bool
     all_scenarios: bool
     agents: str | None
+    agent_config: tuple[str, ...]
     human_study: Path | None
+    detectors: Path | None
     suite: str
     seed: int
     seeds: int
@@ -116,17 +134,21 @@ class _PaperOptions:
     def prepare_study(self) -> _PreparedStudy:
         """Return the study, and claim its folder. Raises InputError before anything is driven."""
         names = self._parse_agents()
+        configs = parse_agent_configs(self.agent_config, names or AGENTS)
         humans = load_stored_human_results(self.human_study) if self.human_study is not None else None
-        reference = prepare(self._make_config(REFERENCE))
+        precisions = load_precisions(self.detectors) if self.detectors is not None else {}
+        reference = prepare(self._make_config(REFERENCE, configs.get(REFERENCE, {})))
         plan = make_plan(reference.suite, self._choose_scale())
 
         def prepare_agent(name: str) -> PreparedRun:
-            return reference if name == REFERENCE else prepare_with_suite(self._make_config(name), reference.suite)
+            if name == REFERENCE:
+                return reference
+            return prepare_with_suite(self._make_config(name, configs.get(name, {})), reference.suite)
 
         agents, left_out = prepare_installed_agents(prepare_agent, names)
         about = describe_study(reference.config, reference.suite, plan)
         claim_folder(self.out, about, fresh=self.fresh)
-        return _PreparedStudy(PaperStudy(plan, agents, reference, self.out), left_out, about, humans)
+        return _PreparedStudy(PaperStudy(plan, agents, reference, self.out), left_out, about, humans, precisions)
 
     def _choose_scale(self) -> PaperScale:
         """Return how many scenarios are driven. Raises InputError."""
@@ -142,8 +164,8 @@ class _PaperOptions:
             return ()
         return parse_agent_names(self.agents)
 
-    def _make_config(self, agent: str) -> RunConfig:
-        spec = AgentSpec(agent)
+    def _make_config(self, agent: str, agent_config: Mapping[str, ConfigValue]) -> RunConfig:
+        spec = AgentSpec(agent, agent_config)
         return RunConfig(
             suite=self.suite,
             agent=spec if spec.is_builtin or self.agent_limits is None else spec.with_limits(self.agent_limits),

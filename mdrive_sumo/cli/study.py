@@ -13,13 +13,18 @@ from mdrive_sumo.cli.setting_options import add_options, parse_comm_options, see
 from mdrive_sumo.cli.study_agents import cross_play_command, gain_command, penetration_command
 from mdrive_sumo.cli.study_attacks import attacks_command
 from mdrive_sumo.cli.study_channel import channel_command
-from mdrive_sumo.cli.study_options import StudyOptions, drive_with_display, parse_agent_names
+from mdrive_sumo.cli.study_options import (
+    StudyOptions,
+    agent_config_option,
+    drive_with_display,
+    parse_agent_configs,
+    parse_agent_names,
+)
 from mdrive_sumo.cli.study_seasons import seasons_command
 from mdrive_sumo.cli.study_twins import twins_command
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.episode.episode_options import EpisodeOptions
-from mdrive_sumo.runs.run_config import ConfigValue, load_agent_config
 from mdrive_sumo.study.conditions import (
     FACTORS,
     GRIDS,
@@ -56,7 +61,7 @@ command.add_command(paper_command)
 @setting_option("suite")
 @setting_option("scenario")
 @click.option("--agents", required=True, metavar="A,B,...", help="Agents, each as --agent of `eval`.")
-@click.option("--agent-config", multiple=True, metavar="AGENT=FILE", help="Options of one agent, a JSON object.")
+@agent_config_option
 @setting_option("agent_clock", help=None)
 @setting_option("comm", help="The base channel.")
 @click.option("--latency", metavar="TICKS,...", help="Latencies, in ticks of 0.05 s.")
@@ -154,7 +159,7 @@ class _ChannelStudyOptions(StudyOptions):
     def study(self, conditions: tuple[ChannelCondition, ...]) -> Study:
         """Return the study; creates every agent once. Raises InputError."""
         names = parse_agent_names(self.agents)
-        configs = self._parse_agent_configs(names)
+        configs = parse_agent_configs(self.agent_config, names)
         agents = {name: self.prepare_agent(name, configs.get(name)) for name in names}
         best = agents.get(BEST) or self.prepare_agent(BEST) if self.captured else None
         return Study(
@@ -164,15 +169,6 @@ class _ChannelStudyOptions(StudyOptions):
     def make_episode_options(self) -> EpisodeOptions:
         """Return the conditions of every episode: the base channel, the agents' clock. Raises InputError."""
         return EpisodeOptions.parse(comm=self.base(), agent_clock=self.agent_clock)
-
-    def _parse_agent_configs(self, names: Sequence[str]) -> dict[str, dict[str, ConfigValue]]:
-        config_by_agent: dict[str, dict[str, ConfigValue]] = {}
-        for text in self.agent_config:
-            name, _, path = text.partition("=")
-            if name not in names or not path:
-                raise InputError(f"study: --agent-config: expected AGENT=FILE with one of --agents, found {text!r}")
-            config_by_agent[name] = load_agent_config(Path(path))
-        return config_by_agent
 
 
 def _draw(

@@ -2,7 +2,7 @@
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, Protocol, TextIO, TypeVar
@@ -23,7 +23,7 @@ from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
-from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
+from mdrive_sumo.runs.run_config import ConfigValue, RunConfig, load_agent_config
 from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult
 from mdrive_sumo.study.conditions import Level
 from mdrive_sumo.study.paper.paper_study import PaperProgress
@@ -210,6 +210,22 @@ class StudyOptions:
         echo("\n\n".join((*tables, "\n".join(map(str, (*paths, *pictures))))))
         failed = warn_about_failures((results for row in rows for results in row.results), self.out)
         ctx.exit(1 if failed or void else 0)
+
+
+agent_config_option = click.option(
+    "--agent-config", multiple=True, metavar="AGENT=FILE", help="Options of one agent, a JSON object."
+)
+
+
+def parse_agent_configs(given: Sequence[str], names: Container[str]) -> dict[str, dict[str, ConfigValue]]:
+    """Return the options of agents. given: of `agent_config_option`. Raises InputError, also for none of the names."""
+    config_by_agent: dict[str, dict[str, ConfigValue]] = {}
+    for text in given:
+        name, _, path = text.partition("=")
+        if name not in names or not path:
+            raise InputError(f"study: --agent-config: expected AGENT=FILE with one of --agents, found {text!r}")
+        config_by_agent[name] = load_agent_config(Path(path))
+    return config_by_agent
 
 
 def parse_agent_names(text: str, fewest: int = 1, option: str = "--agents") -> Sequence[str]:

@@ -5,10 +5,11 @@ from enum import StrEnum
 
 from mdrive_sumo.agents.registry import AGENTS, HUMAN_AGENTS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.private_paths import hide_paths_in_text
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.scoring.labels import JOINT, NEGOTIATION, PRIVILEGED, SHARING
-from mdrive_sumo.study.paper.paper_study import DETECTOR_PREFIX
+from mdrive_sumo.study.paper.paper_study import DETECTOR_PREFIX, SURROGATE_SUFFIX, is_surrogate
 
 BOUNDS = ("stationary", "constant-speed", "take-turns")
 """Built-in agents that are no driving model: they bound the scores from below."""
@@ -28,12 +29,12 @@ def prepare_installed_agents(
 ) -> tuple[dict[str, PreparedRun], dict[str, str]]:
     """Return the prepared runs by agent, and why built-in agents are left out; names: only these agents.
 
-    Raises InputError if an agent that is named cannot be started, or if all of them are detectors.
+    Raises InputError if an agent that is named cannot be started, or if all of them are surrogates of detectors.
     """
-    if names and all(name.startswith(DETECTOR_PREFIX) for name in names):
+    if names and all(map(is_surrogate, names)):
         raise InputError(
-            f"study paper: expected an agent besides {DETECTOR_PREFIX}*, which the paper has in RQ3 only, found"
-            f" {', '.join(names)}"
+            f"study paper: expected an agent besides {DETECTOR_PREFIX}*{SURROGATE_SUFFIX}, which drive in RQ3 only,"
+            f" found {', '.join(names)}"
         )
     if names:
         return {name: prepare_agent(name) for name in names}, {}
@@ -43,7 +44,7 @@ def prepare_installed_agents(
         try:
             prepared[name] = prepare_agent(name)
         except InputError as error:
-            left_out[name] = str(error)
+            left_out[name] = hide_paths_in_text(str(error))  # it stands in files that leave the machine
     return prepared, left_out
 
 

@@ -11,6 +11,8 @@ from mdrive_sumo.report.comparison_report.write_comparison_report import render_
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scoring import Means, Results, ScenarioResult
 from mdrive_sumo.study.human.human_results import build_human_json
+from mdrive_sumo.study.paper.cooperation_gain import PairGain, RoleGap
+from mdrive_sumo.study.paper.open_closed import OpenClosedComparison
 from mdrive_sumo.study.paper.paper_agents import find_role
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
 from mdrive_sumo.study.paper.paper_report import PaperRequest, build_paper_report
@@ -33,21 +35,15 @@ def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mappin
         "score_mode": run.score_mode,
         "closed": {name: _describe_run(results) for name, results in numbers.closed.items()},
         "open": {name: results.overall.model_dump() for name, results in numbers.open.items()},
-        "gaps": [
-            asdict(entry) | {"shown": shown}
-            for entry, shown in zip(numbers.gaps, judge_intervals([one.gap for one in numbers.gaps]), strict=True)
-        ],
-        "gains": [
-            asdict(entry) | {"shown_ds": ds, "shown_sr": sr}
-            for entry, ds, sr in zip(
-                numbers.gains,
-                judge_intervals([one.ds for one in numbers.gains]),
-                judge_intervals([one.sr for one in numbers.gains]),
-                strict=True,
-            )
-        ],
-        "open_closed": asdict(numbers.comparison)
-        | {"lines": [asdict(entry) | {"open": entry.open.model_dump()} for entry in numbers.comparison.lines]},
+        "gaps": _describe_gaps(numbers.gaps),
+        "learned_gaps": _describe_gaps(numbers.learned_gaps),
+        "gains": _describe_gains(numbers.gains),
+        "learned_gains": _describe_gains(numbers.learned_gains),
+        "open_closed": _describe_comparison(numbers.comparison),
+        "precisions": {
+            metric: {agent: asdict(one) for agent, one in each.items()} for metric, each in numbers.precisions.items()
+        },
+        "detectors": _describe_comparison(numbers.detectors),
         "humans": None if request.humans is None else build_human_json(request.humans),
         "channel": [
             {
@@ -60,6 +56,24 @@ def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mappin
         ],
     }
     return dump_page(page)
+
+
+def _describe_gaps(gaps: Sequence[RoleGap]) -> list[dict[str, Any]]:
+    verdicts = judge_intervals([one.gap for one in gaps])
+    return [asdict(entry) | {"shown": shown} for entry, shown in zip(gaps, verdicts, strict=True)]
+
+
+def _describe_gains(gains: Sequence[PairGain]) -> list[dict[str, Any]]:
+    ds, sr = (judge_intervals([getattr(one, score) for one in gains]) for score in ("ds", "sr"))
+    return [
+        asdict(entry) | {"shown_ds": shown_ds, "shown_sr": shown_sr}
+        for entry, shown_ds, shown_sr in zip(gains, ds, sr, strict=True)
+    ]
+
+
+def _describe_comparison(comparison: OpenClosedComparison) -> dict[str, Any]:
+    lines = [asdict(entry) | {"open": entry.open.model_dump()} for entry in comparison.lines]
+    return asdict(comparison) | {"lines": lines}
 
 
 def _describe_run(results: Results) -> dict[str, Any]:

@@ -2,15 +2,31 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, make_agents_of_results
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import Results
-from mdrive_sumo.study.paper.cooperation_gain import PairGain, RoleGap, compute_pair_gains, compute_role_gaps
+from mdrive_sumo.study.paper.cooperation_gain import (
+    LEARNED_PAIRS,
+    PairGain,
+    RoleGap,
+    compute_pair_gains,
+    compute_role_gaps,
+    split_learned_gap,
+)
+from mdrive_sumo.study.paper.detector_precision import DetectorPrecisions
 from mdrive_sumo.study.paper.open_closed import OpenClosedComparison, compare_open_with_closed
 from mdrive_sumo.study.paper.paper_plan import PaperPlan
-from mdrive_sumo.study.paper.paper_study import DETECTOR_PREFIX, ClosedRow, OpenRow, PaperRow, PaperStudy
+from mdrive_sumo.study.paper.paper_study import (
+    DETECTOR_PREFIX,
+    ClosedRow,
+    OpenRow,
+    PaperRow,
+    PaperStudy,
+    is_surrogate,
+)
 from mdrive_sumo.study.study_runs import StudyRow
 
 
@@ -22,14 +38,19 @@ class PaperNumbers:
     scenarios: tuple[Scenario, ...]
     """The scenarios of the main table."""
     closed: Mapping[str, Results]
-    """By agent; detectors have the scenarios of the open loop only."""
+    """By agent; surrogates of detectors have the scenarios of the open loop only."""
     open: Mapping[str, OpenLoopResults]
     channel: tuple[StudyRow, ...]
     compared: tuple[ComparedAgent, ...]
     """The agents of the main table, in its order."""
     gaps: tuple[RoleGap, ...]
+    learned_gaps: tuple[RoleGap, ...]
     gains: tuple[PairGain, ...]
+    learned_gains: tuple[PairGain, ...]
     comparison: OpenClosedComparison
+    precisions: DetectorPrecisions
+    detectors: OpenClosedComparison
+    """Of the agents that differ in their detector only."""
 
     @property
     def runs(self) -> tuple[Results, ...]:
@@ -37,11 +58,13 @@ class PaperNumbers:
         return (*self.closed.values(), *(results for row in self.channel for results in row.results))
 
 
-def compute_paper_numbers(study: PaperStudy, rows: Sequence[PaperRow]) -> PaperNumbers:
-    """Return the numbers of a finished study, which has an agent for the main table."""
+def compute_paper_numbers(
+    study: PaperStudy, rows: Sequence[PaperRow], precisions: DetectorPrecisions = MappingProxyType({})
+) -> PaperNumbers:
+    """Return the numbers of a finished study, which has an agent for the main table. precisions: of test frames."""
     closed = {row.agent: row for row in rows if isinstance(row, ClosedRow) and row.agent in study.agents}
     opened = {row.agent: row.results for row in rows if isinstance(row, OpenRow)}
-    main = [row for name, row in closed.items() if not name.startswith(DETECTOR_PREFIX)]
+    main = [row for name, row in closed.items() if not is_surrogate(name)]
     driven = {row.agent: row.results for row in main}
     results = {name: row.results for name, row in closed.items()}
     return PaperNumbers(
@@ -52,6 +75,14 @@ def compute_paper_numbers(study: PaperStudy, rows: Sequence[PaperRow]) -> PaperN
         tuple(row for row in rows if isinstance(row, StudyRow)),
         make_agents_of_results([row.results for row in main], [row.folder for row in main]),
         compute_role_gaps(driven),
+        split_learned_gap(driven),
         compute_pair_gains(driven),
+        compute_pair_gains(driven, LEARNED_PAIRS),
         compare_open_with_closed(opened, results),
+        precisions,
+        compare_open_with_closed(
+            {name: results for name, results in opened.items() if name.startswith(DETECTOR_PREFIX)},
+            results,
+            {metric: {agent: one.mean for agent, one in each.items()} for metric, each in precisions.items()},
+        ),
     )

@@ -26,6 +26,8 @@ from mdrive_sumo.study.paper import section_texts
 from mdrive_sumo.study.paper.cooperation_gain import PAIRS
 from mdrive_sumo.study.paper.open_closed_table import (
     build_correlation_table,
+    build_detector_correlation_table,
+    build_detector_table,
     build_open_closed_table,
     make_open_closed_figure,
 )
@@ -114,13 +116,7 @@ def build_paper_report(numbers: PaperNumbers, request: PaperRequest) -> Comparis
             section_texts.CATEGORIES,
             tuple(build_category_table(numbers.compared, score) for score in ("ds", "sr", "h")),
         ),
-        replace(
-            _make_section(
-                section_texts.OPEN_CLOSED,
-                (build_open_closed_table(numbers.comparison), build_correlation_table(numbers.comparison)),
-            ),
-            figures=(make_open_closed_figure(numbers.comparison),),
-        ),
+        _build_open_closed_section(numbers),
         _build_human_section(request.humans),
         *_build_channel_sections(numbers),
         ReportSection("Without a counterpart", (_build_missing_table(),)),
@@ -155,7 +151,7 @@ def _build_category_section(numbers: PaperNumbers) -> ReportSection:
     tables = (
         build_level_table(numbers.compared),
         build_interdrive_table(numbers.compared),
-        build_gap_table(numbers.gaps) if numbers.gaps else None,
+        *(build_gap_table(gaps) for gaps in (numbers.gaps, numbers.learned_gaps) if gaps),
     )
     figure = make_level_figure(numbers.compared)
     section = _make_section(section_texts.CATEGORY_FIGURE, tuple(table for table in tables if table))
@@ -163,11 +159,23 @@ def _build_category_section(numbers: PaperNumbers) -> ReportSection:
 
 
 def _build_gain_section(numbers: PaperNumbers) -> ReportSection:
-    if numbers.gains:
-        return _make_section(section_texts.GAINS, (build_pair_table(numbers.gains),))
+    tables = [build_pair_table(numbers.gains)] if numbers.gains else []
+    if numbers.learned_gains:
+        tables.append(build_pair_table(numbers.learned_gains, "gains_learned", "learned perception"))
+    if tables:
+        return _make_section(section_texts.GAINS, tuple(tables))
     pairs = "; ".join(" and ".join(pair) for pair in PAIRS)
     missing = f"No pair of agents with one planner is in this study. Pairs are: {pairs}."
     return replace(_make_section(section_texts.GAINS), note=missing)
+
+
+def _build_open_closed_section(numbers: PaperNumbers) -> ReportSection:
+    tables = [build_open_closed_table(numbers.comparison), build_correlation_table(numbers.comparison)]
+    if numbers.detectors.lines:
+        tables.append(build_detector_table(numbers.detectors, numbers.precisions))
+        tables.append(build_detector_correlation_table(numbers.detectors))
+    section = _make_section(section_texts.OPEN_CLOSED, tuple(tables))
+    return replace(section, figures=(make_open_closed_figure(numbers.comparison),))
 
 
 def _build_human_section(humans: HumanStudyResults | None) -> ReportSection:

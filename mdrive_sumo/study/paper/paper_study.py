@@ -30,7 +30,9 @@ from mdrive_sumo.v2x.comm_settings import PRESETS
 REFERENCE = REFERENCE_AGENT
 """Agent of the recorded drives that open loop compares with."""
 DETECTOR_PREFIX = "perception-swap:"
-"""Agents that the paper has in its comparison of open and closed loop (RQ3) only, not in its main table."""
+"""Agents with the paper's rule-based planner, which differ in their detector. The paper has them in RQ3 only."""
+SURROGATE_SUFFIX = ":profile"
+"""Detectors that are error models and no networks."""
 CONDITIONS = make_conditions(PRESETS["ideal"], {"latency": ((6,),), "pose-error": ((0.6, 0.6),)}, "one-at-a-time")
 """The clean channel, then the paper's perturbations (RQ5): 6 ticks, and 0.6 m with 0.6 degrees."""
 
@@ -112,7 +114,7 @@ class PaperStudy:
 
     def _list_closed(self, agent: str) -> tuple[str, ...]:
         """Return the scenarios that an agent drives in closed loop."""
-        whole = agent in self.agents and not agent.startswith(DETECTOR_PREFIX)
+        whole = agent in self.agents and not is_surrogate(agent)
         return self.plan.closed if whole else self.plan.logs
 
     def _name_part(self, agent: str) -> str:
@@ -176,6 +178,11 @@ def _restrict(prepared: PreparedRun, scenarios: tuple[str, ...], folder: Path) -
 def select_results(whole: Results, scenarios: tuple[str, ...]) -> Results:
     """Return the results of some scenarios of a run, with their means."""
     return summarize_run(whole.run, [result for result in whole.scenarios if result.id in {*scenarios}])
+
+
+def is_surrogate(agent: str) -> bool:
+    """Return whether an agent has a surrogate of a detector: such agents drive the scenarios of RQ3 only."""
+    return agent.startswith(DETECTOR_PREFIX) and agent.endswith(SURROGATE_SUFFIX)
 
 
 def _may_perturb(agent: str) -> bool:

@@ -23,7 +23,7 @@ from mdrive_sumo.scoring.paired_intervals import (
     group_by_scenario,
 )
 from mdrive_sumo.study.conditions import ChannelCondition
-from mdrive_sumo.study.paper.cooperation_gain import PAIRS, PairGain, RoleGap
+from mdrive_sumo.study.paper.cooperation_gain import PAIRS, ROLE_GAP, PairGain, RoleGap
 from mdrive_sumo.study.study_runs import StudyRow
 
 COLUMNS = {
@@ -87,8 +87,8 @@ def _make_row(name: str, scenarios: Sequence[Scenario], paper: Sequence[float | 
     return make_row((name, float(statistics.scenarios), *means, *paper), section)
 
 
-def build_pair_table(gains: Sequence[PairGain]) -> Table:
-    """Return the paired gains of pairs of agents with one planner, a section for each pair."""
+def build_pair_table(gains: Sequence[PairGain], name: str = "gains", who: str = "rule") -> Table:
+    """Return the paired gains of pairs of agents with one planner, a section for each pair. who: what they drive by."""
     columns = (
         Column("group", "scenarios"),
         Column("scenarios", "number", decimals=0),
@@ -112,16 +112,17 @@ def build_pair_table(gains: Sequence[PairGain]) -> Table:
         )
     ]
     note = f"{SHOWN_NOTE} {describe_comparisons([one for gain in gains for one in (gain.ds, gain.sr)])}".rstrip()
-    return Table("gains", "What sharing and negotiation gain", columns, tuple(rows), note)
+    return Table(name, f"What messages gain: agents that drive by {who}", columns, tuple(rows), note)
 
 
 def build_gap_table(gaps: Sequence[RoleGap]) -> Table:
-    """Return the gap of multi-agent and single-agent systems by bucket and level, beside the paper's."""
+    """Return gaps by bucket and level, a section for each part, the paper's beside what has its counterpart."""
+    is_split = gaps[0].part != ROLE_GAP
     columns = (
         Column("group", "scenarios"),
         Column("scenarios", "number", decimals=0),
         Column("multi", "multi-agent", "mean H"),
-        Column("single", "single-agent", "mean H"),
+        Column("single", "compared with", "mean H"),
         Column("gap", "gap", has_sign=True, intervals=IntervalStyle.ENDS),
         *make_text_columns({"shown": "shown"}),
         Column("paper", "gap in the paper (CARLA)", has_sign=True),
@@ -135,13 +136,15 @@ def build_gap_table(gaps: Sequence[RoleGap]) -> Table:
                 gap.single,
                 Cell(gap.gap.mean, gap.gap),
                 shown,
-                PUBLISHED_GAPS.get(gap.group),
-            )
+                PUBLISHED_GAPS.get(gap.group) if gap.part == gaps[0].part else None,
+            ),
+            gap.part if is_split else "",
         )
         for gap, shown in zip(gaps, judge_intervals([one.gap for one in gaps]), strict=True)
     ]
     note = f"H: harmonic mean of DS and SR of an agent; the mean is over the agents of a kind. {SHOWN_NOTE}"
-    return Table("gap", "Multi-agent minus single-agent systems", columns, tuple(rows), note)
+    name, title = ("gap_learned", "The gap of learned systems, and its parts") if is_split else ("gap", ROLE_GAP)
+    return Table(name, title, columns, tuple(rows), note)
 
 
 def build_channel_table(

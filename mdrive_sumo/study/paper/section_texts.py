@@ -59,7 +59,9 @@ MAIN = SectionText(
     "The protocol: the same scores, penalties, time limits and bucket means, on scenarios with the same statistics.",
     "The rows: the paper drives networks that were trained on camera images and point clouds, in CARLA's physics;"
     " here, planners with a model of a detector drive in SUMO's traffic, and so do compact networks that see simple"
-    " renderings (tcp, vad, uniad, lmdrive: counterparts of TCP, VAD, UniAD and LMDrive, trained on mdrive-sumo data)."
+    " renderings (tcp, vad, uniad, lmdrive: counterparts of TCP, VAD, UniAD and LMDrive, trained on mdrive-sumo data)"
+    " or a LiDAR (codriving, and perception-swap:*, which the paper has in RQ3 only). codriving:* are variants of our"
+    " own."
     " Only differences between rows of one simulator say anything, and no row is the reimplementation of a method of"
     " the paper.",
 )
@@ -68,9 +70,12 @@ CATEGORY_FIGURE = SectionText(
     "fig:mdrive_highlevel_subscore, and the gaps in the text of subsec:rq1",
     "The gap between multi-agent and single-agent systems in H is 3.54 in static avoidance, 35.12 in dynamic avoidance"
     " and 24.58 in dynamic coordination.",
-    "H, the levels and the way in which the gap is taken.",
+    "H, the levels and the way in which the gap is taken. Where codriving and codriving:alone are in the study, the gap"
+    " of learned systems is split: alone has the network, planner and cap of the other and no messages, so their"
+    " difference is what messages gain, and what is left comes from sensors, planner and training. The paper cannot"
+    " separate them.",
     "The size of the gap: it depends on which agents are in each group. The paper's two groups differ in perception,"
-    " planner and training besides cooperation.",
+    " planner and training besides cooperation. perception-swap:* are in no group, as in the paper.",
 )
 GAINS = SectionText(
     "What sharing and negotiation gain (RQ1, RQ2)",
@@ -78,8 +83,10 @@ GAINS = SectionText(
     "Perception sharing prevents failures from lack of observability but does not guarantee better planning;"
     " negotiation benefits coordination among CAVs, and less where there is rich background traffic.",
     "The question. Here the agents of a pair have one planner and differ in what they exchange, so the difference is"
-    " the gain of that; the paper cannot separate it from the planner.",
-    "The language model: sharing+negotiation and colmdriver-rule negotiate by rule and hallucinate nothing.",
+    " the gain of that; the paper cannot separate it from the planner. So it is for learned perception: codriving"
+    " beside the same weights without messages, detectors that share beside perception-swap:none.",
+    "The language model: sharing+negotiation and colmdriver-rule negotiate by rule and hallucinate nothing. A detector"
+    " that fuses and perception-swap:none were trained apart, so their difference has chance of training in it.",
 )
 CATEGORIES = SectionText(
     "Every category (RQ2)",
@@ -92,10 +99,12 @@ OPEN_CLOSED = SectionText(
     "Open loop against closed loop (RQ3)",
     "fig:mdrive_olcl_correlation",
     "Better perception or prediction in open loop does not account for better driving in closed loop.",
-    "The question, the metrics AP50, ADE and CR with their horizon of 3 s, and the scores DS and SR.",
+    "The question, the metrics AP50, ADE and CR with their horizon of 3 s, and the scores DS and SR; detectors of one"
+    " planner (perception-swap:*), whose order by precision stands beside their order by DS.",
     "The recorded drives are those of omniscient instead of logs of human drivers, so an agent that plans as"
-    " omniscient drives has an advantage; agents reply modelled detections, not those of networks; and the paper"
-    " prints no number to compare a correlation with.",
+    " omniscient drives has an advantage; agents other than codriving and perception-swap:* reply modelled detections,"
+    " not those of networks; perception-swap:*:profile are surrogates, in which no detector runs; and the paper prints"
+    " no number to compare a correlation with.",
 )
 HUMANS = SectionText(
     "Human drivers (RQ4)",

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -113,18 +114,23 @@ def test_an_interrupted_study_goes_on_and_agents_may_be_added(suite: Path, monke
         ((), "sharing,idn", "agent 'idn': expected stationary"),
         ((), "sharing,", "expected different agents with commas between them"),
         ((), "sharing,sharing", "expected different agents with commas between them"),
-        ((), "perception-swap:cobevt", "expected an agent besides perception-swap:*"),
+        ((), "perception-swap:cobevt:profile", r"expected an agent besides perception-swap:\*:profile"),
+        ((), "idm,codriving", "manifest of weights .*codriving-encoder.json: cannot be read"),
+        ((), "idm,perception-swap:cobevt", "manifest of weights .*cobevt-encoder.json: cannot be read"),
+        (("--agent-config", "single=a.json"), "idm", "expected AGENT=FILE with one of --agents, found 'single=a.json'"),
+        (("--detectors", "absent.json"), "idm", "absent.json: cannot be read"),
         (("--seeds", "0"), "idm", "0 is not in the range"),
         (("--quick", "--all-scenarios"), "idm", "expected --quick or --all-scenarios, found both"),
         (("--human-study", "absent"), "idm", "absent: expected the folder of a study with study.json, found none"),
     ],
 )
 def test_bad_input_is_one_sentence_and_leaves_no_folder(
-    suite: Path, given: tuple[str, ...], agents: str, problem: str
+    suite: Path, given: tuple[str, ...], agents: str, problem: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("mdrive_sumo.agents.learned.fusion_network.WEIGHTS_FOLDER", suite)
     ended = study(suite, *given, agents=agents)
     assert (ended.exit_code, called(suite)) == (2, [])
-    assert problem in ended.output
+    assert re.search(problem, ended.output) and len(ended.stderr.splitlines()) <= 4, "usage, help, error"
     assert not (suite.parent / "out").exists()
 
 
@@ -165,12 +171,15 @@ def test_seeds_are_one_run_and_every_episode_is_in_the_numbers(suite: Path) -> N
 
 @pytest.mark.slow
 def test_agents_that_cannot_start_are_left_out_and_named(suite: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    known = dict.fromkeys(("idm", "colmdriver"))
+    monkeypatch.setattr("mdrive_sumo.agents.learned.fusion_network.WEIGHTS_FOLDER", suite)
+    known = dict.fromkeys(("idm", "colmdriver", "codriving"))
     monkeypatch.setattr("mdrive_sumo.study.paper.paper_agents.AGENTS", known)
     ended = invoke("study", "paper", "--suite", suite, "--out", suite.parent / "out", "--workers", "1")
     assert ended.exit_code == 0, ended.output
     assert "left out: colmdriver: language model: option endpoint" in ended.stderr
-    assert "Left out: colmdriver: language model" in (suite.parent / "out" / "paper.md").read_text()
+    words = (suite.parent / "out" / "paper.md").read_text()
+    assert "Left out: colmdriver: language model" in words
+    assert "Left out: codriving: manifest of weights codriving-encoder.json: cannot be read" in words, "no whole path"
 
 
 @pytest.mark.slow

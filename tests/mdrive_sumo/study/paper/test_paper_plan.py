@@ -1,12 +1,16 @@
 """Which scenarios each part of the study drives."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.prepared_run import prepare
+from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.study.paper.paper_plan import (
     CHANNEL_SCENARIOS,
@@ -17,6 +21,7 @@ from mdrive_sumo.study.paper.paper_plan import (
     make_plan,
     name_stratum,
 )
+from mdrive_sumo.study.paper.paper_study import PaperStudy
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +49,20 @@ def test_a_quick_study_has_every_stratum_once_and_is_always_the_same(mdrive: Sui
     levels = {"static-avoidance", "dynamic-avoidance", "dynamic-coordination"}
     assert {*found} == strata == {"IC", "LM", "LC", "synthetic"} | levels
     assert found.count("synthetic") == 2
+
+
+def test_trained_detectors_drive_everything_and_surrogates_what_both_loops_have(mdrive: Suite, tmp_path: Path) -> None:
+    """CoDriving is in the two perturbed channels besides, detectors are not; each sees every log in open loop."""
+    plan = make_plan(mdrive, PaperScale.STANDARD)
+    reference = prepare(RunConfig(suite="mdrive@0", agent=AgentSpec("omniscient"), out=tmp_path))
+    closed, logs, channel = len(plan.closed), len(plan.logs), len(plan.channel)
+    for agent, driven in (
+        ("perception-swap:cobevt", closed),
+        ("perception-swap:cobevt:profile", logs),
+        ("codriving", closed + 2 * channel),
+    ):
+        study = PaperStudy(plan, {agent: reference}, reference, tmp_path)
+        assert study.episodes() == driven + logs + logs, "of the agent in both loops, and the recorded drives"
 
 
 def test_the_shortest_routes_are_those_with_the_least_to_drive_together(mdrive: Suite) -> None:

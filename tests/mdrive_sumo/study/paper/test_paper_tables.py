@@ -7,6 +7,7 @@ import pytest
 from testing.human_study import make_plan
 from testing.study_samples import make_row, make_run, make_scenario
 
+from mdrive_sumo.agents.registry import AGENTS, DETECTOR_AGENTS
 from mdrive_sumo.core.statistics import bootstrap_nested
 from mdrive_sumo.core.tables import format_cell
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
@@ -16,7 +17,14 @@ from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.human.human_report import NO_PERSON
 from mdrive_sumo.study.human.human_results import CavScore, HumanDrive, HumanStudyResults
-from mdrive_sumo.study.paper.cooperation_gain import PairGain, compute_pair_gains, compute_role_gaps
+from mdrive_sumo.study.paper.cooperation_gain import (
+    LEARNED_PAIRS,
+    PAIRS,
+    PairGain,
+    compute_pair_gains,
+    compute_role_gaps,
+    split_learned_gap,
+)
 from mdrive_sumo.study.paper.open_closed import OpenClosedComparison
 from mdrive_sumo.study.paper.paper_agents import AgentRole, find_role
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
@@ -126,6 +134,36 @@ def test_pairs_of_agents_with_one_planner_are_compared_scenario_by_scenario() ->
     assert table.rows[0].section == "perception sharing: sharing - single"
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("intervals_of_few")
+def test_the_gap_of_learned_systems_is_split_into_messages_and_the_rest() -> None:
+    """H of the networks is 50 and 60, of codriving 80, of its twin without messages 72: 25 = 8 + 17."""
+    scores = {"tcp": 50.0, "vad": 60.0, "codriving": 80.0, "codriving:alone": 72.0, "perception-swap:none": 1.0}
+    found = {
+        agent: make_run(*(make_scenario(f"s{place}", ds) for place in range(3)), agent=agent)
+        for agent, ds in scores.items()
+    }
+    gaps = split_learned_gap(found)
+    whole = {one.part: one.gap.mean for one in gaps if one.group == "all"}
+    assert [*whole.values()] == pytest.approx([25.0, 8.0, 17.0])
+    table = build_gap_table(gaps)
+    assert table.name == "gap_learned" and [name for name, _ in table.sections] == [*whole]
+    assert next(iter(whole)) == "learned systems: codriving minus tcp, vad"
+    assert split_learned_gap({name: run for name, run in found.items() if name != "codriving:alone"}) == ()
+    assert split_learned_gap({name: run for name, run in found.items() if name.startswith("codriving")}) == ()
+    gains = compute_pair_gains(found, LEARNED_PAIRS)
+    assert {(one.agent, one.base, one.ds.mean) for one in gains} == {("codriving", "codriving:alone", 8.0)}
+
+
+def test_learned_pairs_are_agents_that_differ_in_messages() -> None:
+    assert {*AGENTS} >= {name for pair in PAIRS for name in pair}
+    shares = {agent for agent, _ in LEARNED_PAIRS}
+    assert shares == {name for name in DETECTOR_AGENTS if "alone" not in name and not name.endswith(":none")}
+    assert {find_role(make_run(make_scenario("s", 1.0), agent=name)) for name in DETECTOR_AGENTS} == {
+        AgentRole.DETECTOR, AgentRole.SINGLE,
+    }  # fmt: skip
+
+
 def test_scenarios_stand_beside_those_of_the_paper() -> None:
     table = build_scenario_table(load_suite("interdrive@0").scenarios)
     values = dict(
@@ -157,8 +195,12 @@ def make_numbers(scale: PaperScale, suite: str = "interdrive@0", buckets: Sequen
         channel=(),
         compared=make_agents_of_results(driven.values()),
         gaps=(),
+        learned_gaps=(),
         gains=(),
+        learned_gains=(),
         comparison=OpenClosedComparison(0, (), ()),
+        precisions={},
+        detectors=OpenClosedComparison(0, (), ()),
     )
 
 
