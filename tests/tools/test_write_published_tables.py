@@ -242,17 +242,23 @@ def test_the_table_of_twins_is_that_of_the_study(root: Path) -> None:
 
 
 def save_paper_runs(folder: Path) -> None:
-    """Three agents in both loops on twelve places, one with latency on fewer, and the drives of the reference."""
-    closed = ("idm", 60.0), ("single", 70.0), ("sharing", 80.0)
+    """Agents on twelve places, some in both loops, one with latency on fewer, and the drives of the reference."""
+    learned = ("tcp", 50.0), ("codriving:alone", 55.0), ("codriving", 62.0), ("perception-swap:none", 40.0)
+    closed = ("idm", 60.0), ("single", 70.0), ("sharing", 80.0), *learned
     runs = [*((f"closed/{agent}", agent, ds) for agent, ds in closed), ("reference/omniscient", "omniscient", 99.0)]
     names = [one.id for one in drive("idm", 0.0).scenarios]
     for part, agent, ds in (*runs, ("channel/sharing/latency_6_ticks", "sharing", 75.0)):
         (folder / part).mkdir(parents=True)
         driven = drive(agent, ds)
+        if agent in ("sharing", "codriving"):
+            talked = [one.model_copy(update={"exchanged": {"cam": 1}}) for one in driven.scenarios]
+            driven = make_run(*talked, agent=agent, sensing="realistic")
         if part.startswith("channel"):  # perturbations are driven in fewer scenarios
             driven = select_results(driven, names[:22])
         save_results(driven, folder / part / "results.json")
-    for agent, ade in (("idm", 3.0), ("single", 2.0), ("sharing", 1.0), ("omniscient", 0.5)):
+    for agent, ade in (
+        ("idm", 3.0), ("single", 2.0), ("sharing", 1.0), ("omniscient", 0.5), ("perception-swap:none", 4.0),
+    ):  # fmt: skip
         (folder / "open" / agent).mkdir(parents=True)
         shown = make_open_run(agent, [make_recording(name, ade, ((0.5, 3, 4),)) for name in names])
         (folder / "open" / agent / "open_loop.json").write_text(shown.model_dump_json())
@@ -264,14 +270,24 @@ def test_tables_of_the_papers_study_have_values_of_both_loops(root: Path) -> Non
     (root / "docs" / "page.md").write_text(page)
     assert write("--values", "p", root / "runs").startswith("0 changed")
     text = (root / "docs" / "page.md").read_text()
-    assert "| ADE [m] | DS | 3 | +1.00 [+1.00, +1.00] | +1.00 [+1.00, +1.00] |" in text
+    assert "| ADE [m] | DS | 4 | +1.00 [+1.00, +1.00] | +1.00 [+1.00, +1.00] |" in text
     assert "| sharing | 81.25 | 76.25 | -5.00 [-5.00, -5.00] |" in text
-    assert text.count("scenarios: 24, places: 12") == 2 and text.count("scenarios: 22, places:") == 1, "of latency"
+    for line in (
+        "| all | 24 | 63.38 | 56.38 | +7.00 [+7.00, +7.00] | gain | - |",
+        "| *of it messages: codriving minus codriving:alone* |  |  |  |  |  |  |",
+        "| *features on request, with the same weights: codriving - codriving:alone* |  |  |  |  |  |",
+        "| perception-swap:none | - | - | - | 11.25 | 41.38 | 41.38 | - | 1 |",
+    ):
+        assert line in text
+    assert text.count("scenarios: 24, places: 12") == 7 and text.count("scenarios: 22, places:") == 1, "of latency"
     assert "No agent of this study exchanges messages." in text, "no run with pose error"
     path = root / write_published_tables.VALUES / "p.parquet"
     files = [path.read_bytes(), name_open_file(path).read_bytes()]
     write_values(path, read_values(path), read_opened(path))
     assert files == [path.read_bytes(), name_open_file(path).read_bytes()]
+    (path.parent / "p-detectors.json").write_text("{}")
+    assert "p-detectors.json: format: " in write()
+    (path.parent / "p-detectors.json").unlink()
     name_open_file(path).unlink()
     assert "table open-closed: expected every agent in both loops, found no runs of open loop" in write()
 

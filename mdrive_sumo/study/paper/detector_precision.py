@@ -11,7 +11,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.scenario.scenario import load_model
+from mdrive_sumo.scoring import Results
+from mdrive_sumo.study.paper.open_closed import OpenClosedComparison, compare_open_with_closed
 from mdrive_sumo.study.paper.paper_study import DETECTOR_PREFIX
 
 MEASURED: Mapping[str, tuple[str, float]] = {
@@ -62,6 +65,17 @@ def load_precisions(path: Path) -> DetectorPrecisions:
     if not any(found.values()):
         raise InputError(f"{path}: precisions: expected those of detectors in clean frames, found none")
     return found
+
+
+def compare_detectors(
+    opened: Mapping[str, OpenLoopResults], closed: Mapping[str, Results], precisions: DetectorPrecisions
+) -> OpenClosedComparison:
+    """Return the metrics and correlations of the agents that differ in their detector only, surrogates included."""
+    return compare_open_with_closed(
+        {name: results for name, results in opened.items() if name.startswith(DETECTOR_PREFIX)},
+        closed,
+        {metric: {agent: one.mean for agent, one in each.items()} for metric, each in precisions.items()},
+    )
 
 
 def _make_percent(one: _Precision) -> ConfidenceInterval:

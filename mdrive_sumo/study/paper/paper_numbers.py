@@ -16,17 +16,10 @@ from mdrive_sumo.study.paper.cooperation_gain import (
     compute_role_gaps,
     split_learned_gap,
 )
-from mdrive_sumo.study.paper.detector_precision import DetectorPrecisions
+from mdrive_sumo.study.paper.detector_precision import DetectorPrecisions, compare_detectors
 from mdrive_sumo.study.paper.open_closed import OpenClosedComparison, compare_open_with_closed
 from mdrive_sumo.study.paper.paper_plan import PaperPlan
-from mdrive_sumo.study.paper.paper_study import (
-    DETECTOR_PREFIX,
-    ClosedRow,
-    OpenRow,
-    PaperRow,
-    PaperStudy,
-    is_surrogate,
-)
+from mdrive_sumo.study.paper.paper_study import ClosedRow, OpenRow, PaperRow, PaperStudy, is_surrogate
 from mdrive_sumo.study.study_runs import StudyRow
 
 
@@ -80,9 +73,5 @@ def compute_paper_numbers(
         compute_pair_gains(driven, LEARNED_PAIRS),
         compare_open_with_closed(opened, results),
         precisions,
-        compare_open_with_closed(
-            {name: results for name, results in opened.items() if name.startswith(DETECTOR_PREFIX)},
-            results,
-            {metric: {agent: one.mean for agent, one in each.items()} for metric, each in precisions.items()},
-        ),
+        compare_detectors(opened, results, precisions),
     )
