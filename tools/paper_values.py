@@ -16,15 +16,9 @@ from mdrive_sumo.study.paper.cooperation_gain import (
     compute_role_gaps,
     split_learned_gap,
 )
-from mdrive_sumo.study.paper.detector_precision import DetectorPrecisions, compare_detectors
 from mdrive_sumo.study.paper.open_closed import compare_open_with_closed
-from mdrive_sumo.study.paper.open_closed_table import (
-    build_correlation_table,
-    build_detector_correlation_table,
-    build_detector_table,
-    build_open_closed_table,
-)
-from mdrive_sumo.study.paper.paper_study import CONDITIONS, DETECTOR_PREFIX, is_surrogate, select_results
+from mdrive_sumo.study.paper.open_closed_table import build_correlation_table, build_open_closed_table
+from mdrive_sumo.study.paper.paper_study import CONDITIONS, is_surrogate, select_results
 from mdrive_sumo.study.paper.paper_tables import build_channel_table, build_gap_table, build_pair_table
 from mdrive_sumo.study.study_runs import StudyRow
 from tools.published_values import Values
@@ -41,7 +35,7 @@ GAPS: Mapping[str, Callable[[Mapping[str, Results]], Sequence[RoleGap]]] = {
     "gap-learned": split_learned_gap,
 }
 GAINS = {"gains": RULE_PAIRS, "gains-learned": LEARNED_PAIRS}
-TABLES = ("open-closed", "detectors", *PERTURBED, *GAPS, *GAINS)
+TABLES = ("open-closed", *PERTURBED, *GAPS, *GAINS)
 
 
 def find_paper_part(file: Path) -> str:
@@ -58,9 +52,7 @@ def list_shown_runs(table: str, values: Values) -> Sequence[Results]:
     return perturbed or values[CLOSED]
 
 
-def list_paper_table(
-    table: str, values: Values, opened: Sequence[OpenLoopResults], precisions: DetectorPrecisions
-) -> Sequence[str]:
+def list_paper_table(table: str, values: Values, opened: Sequence[OpenLoopResults]) -> Sequence[str]:
     """Return the paragraphs of a table. Raises InputError if its runs are not there."""
     closed = {results.run.agent: results for results in values[CLOSED]}
     if table in PERTURBED:
@@ -69,13 +61,6 @@ def list_paper_table(
         return _format_tables([_build_gains(table, {name: closed[name] for name in closed if not is_surrogate(name)})])
     if missing := [one.run.agent for one in opened if one.run.agent not in closed] or ([] if opened else ["open loop"]):
         raise InputError(f"table {table}: expected every agent in both loops, found no runs of {missing[0]}")
-    if table == "detectors":
-        comparison = compare_detectors({one.run.agent: one for one in opened}, closed, precisions)
-        if not comparison.lines:
-            raise InputError(f"table {table}: expected agents {DETECTOR_PREFIX}* in both loops, found none")
-        return _format_tables(
-            [build_detector_table(comparison, precisions), build_detector_correlation_table(comparison)]
-        )
     comparison = compare_open_with_closed({one.run.agent: one for one in opened}, closed)
     return _format_tables([build_open_closed_table(comparison), build_correlation_table(comparison)])
 

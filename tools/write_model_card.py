@@ -30,8 +30,9 @@ from mdrive_sumo.core.statistics import bootstrap_nested
 from mdrive_sumo.core.tables import TOO_FEW
 from mdrive_sumo.learning.fusion.detector_figures import FigureKey
 from mdrive_sumo.learning.fusion.detector_tables import DetectorSummary
+from mdrive_sumo.learning.fusion.detectors_file import read_detectors
 from mdrive_sumo.scoring import Results, compute_overall, load_results
-from tools.detector_values import PREFIX, read_detectors
+from mdrive_sumo.study.paper.paper_study import DETECTOR_PREFIX, is_surrogate
 from tools.published_values import VALUES_FOLDER
 from tools.seed_runs import check_seed_runs
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
@@ -346,7 +347,7 @@ def _load_runs(card: str, texts: Sequence[str]) -> Mapping[str, Sequence[Results
 def _is_of_card(card: str, agent: str) -> bool:
     """Return whether an agent drives with weights that a card describes."""
     if card == DETECTORS:
-        return agent.startswith(PREFIX) and not agent.endswith(":profile")
+        return agent.startswith(DETECTOR_PREFIX) and not is_surrogate(agent)
     return agent == card if card in SYSTEMS else agent.partition(":")[0] == card
 
 

@@ -31,6 +31,7 @@ from mdrive_sumo.core.tables import (
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.fusion import detector_tables
 from mdrive_sumo.learning.fusion.detector_tables import DetectorSummary
+from mdrive_sumo.learning.fusion.detectors_file import DETECTORS_FILE, read_detectors
 from mdrive_sumo.open_loop import OPEN_LOOP_FILE, OpenLoopResults
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.scenario.scenario import load_model
@@ -60,7 +61,7 @@ from tools.aim_tables import (
     list_log_figures,
 )
 from tools.codriving_values import list_budget_table, list_message_gains
-from tools.detector_values import DETECTORS_FILE, list_detector_order, read_detectors
+from tools.detector_values import list_detector_order
 from tools.paper_values import CLOSED, find_paper_part, list_paper_table, list_shown_runs
 from tools.paper_values import TABLES as PAPER_TABLES
 from tools.published_values import (

@@ -29,7 +29,7 @@ from mdrive_sumo.runs.prepared_run import PreparedRun, prepare, prepare_with_sui
 from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
 from mdrive_sumo.study.human.human_results import HumanStudyResults
 from mdrive_sumo.study.human.write_human_results import load_stored_human_results
-from mdrive_sumo.study.paper.detector_precision import DetectorPrecisions, load_precisions
+from mdrive_sumo.study.paper.detector_order import Precisions
 from mdrive_sumo.study.paper.paper_agents import prepare_installed_agents
 from mdrive_sumo.study.paper.paper_files import write_paper
 from mdrive_sumo.study.paper.paper_numbers import compute_paper_numbers
@@ -91,6 +91,12 @@ def command(ctx: click.Context, **options: object) -> None:
     ctx.exit(1 if failed or any(run.void for run in numbers.runs) else 0)
 
 
+def _load_precisions(path: Path) -> Precisions:
+    from mdrive_sumo.learning.fusion.detectors_file import list_compared, read_detectors
+
+    return list_compared(read_detectors(path))
+
+
 def _warn_about_open_failures(opened: Mapping[str, OpenLoopResults], folder: Path) -> bool:
     """Print in how many recordings each agent failed in open loop; return whether there are any."""
     counts = {
@@ -110,7 +116,7 @@ class _PreparedStudy:
     about: Mapping[str, Any]
     """The content of `study_plan.json`."""
     humans: HumanStudyResults | None
-    precisions: DetectorPrecisions
+    precisions: Precisions
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +142,7 @@ class _PaperOptions:
         names = self._parse_agents()
         configs = parse_agent_configs(self.agent_config, names or AGENTS)
         humans = load_stored_human_results(self.human_study) if self.human_study is not None else None
-        precisions = load_precisions(self.detectors) if self.detectors is not None else {}
+        precisions = _load_precisions(self.detectors) if self.detectors is not None else {}
         reference = prepare(self._make_config(REFERENCE, configs.get(REFERENCE, {})))
         plan = make_plan(reference.suite, self._choose_scale())
 

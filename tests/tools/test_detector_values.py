@@ -12,9 +12,10 @@ from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.learning.fusion.conditions import CONDITIONS
 from mdrive_sumo.learning.fusion.detector_figures import FigureKey
 from mdrive_sumo.learning.fusion.detector_tables import DetectorSummary, write_detectors_json, write_detectors_page
+from mdrive_sumo.learning.fusion.detectors_file import read_detectors
 from mdrive_sumo.scoring import Results
 from tools import write_published_tables
-from tools.detector_values import list_detector_order, read_detectors
+from tools.detector_values import list_detector_order
 from tools.published_values import WHOLE, write_values
 from tools.write_published_tables import DETECTOR_TABLES, fill_page
 

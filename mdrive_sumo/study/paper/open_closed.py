@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
@@ -109,15 +108,12 @@ class OpenClosedComparison:
 
 
 def compare_open_with_closed(
-    opened: Mapping[str, OpenLoopResults],
-    closed: Mapping[str, Results],
-    measured: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
+    opened: Mapping[str, OpenLoopResults], closed: Mapping[str, Results]
 ) -> OpenClosedComparison:
     """Return every agent's metrics in both loops, and the rank correlations between them.
 
     opened, closed: by agent, of the same agents; only episodes that all have in both loops count. The reference is in
-    no correlation, because it is compared with its own drives. measured: by metric and agent, what was measured on
-    other data, where more is better; it has correlations, too, in which it is the same in every resample.
+    no correlation, because it is compared with its own drives.
     """
     shown = {name: {result.key: result for result in results.scenarios} for name, results in opened.items()}
     driven = {
@@ -132,13 +128,6 @@ def compare_open_with_closed(
     correlations = [
         result for metric in OPEN_METRICS for result in _correlate(metric, lines, shown, driven, keys, labels)
     ]
-    for metric, values in measured.items():
-        agents = tuple(name for name in opened if name in values)
-        if len(agents) < MIN_AGENTS:
-            correlations += _list_undefined(metric, agents)
-            continue
-        x = np.tile([values[agent] for agent in agents], (RESAMPLES + 1, 1))
-        correlations += _correlate_scores(metric, agents, x, driven, keys, labels)
     return OpenClosedComparison(len({name for name, _ in keys}), lines, tuple(correlations))
 
 
@@ -164,29 +153,11 @@ def _correlate(
     compared = [line for line in lines if not line.is_reference and getattr(line.open, metric) is not None]
     agents = tuple(line.agent for line in compared)
     if len(agents) < MIN_AGENTS:
-        yield from _list_undefined(metric, agents)
+        yield from (RankCorrelation(metric, score, agents, None, None) for score in CLOSED_METRICS)
         return
     counts = draw_nested_counts(labels)
     opened = [resample_metric([shown[agent][key] for key in keys], metric, counts) for agent in agents]
     x = OPEN_METRICS[metric] * np.stack(opened, axis=-1)
-    yield from _correlate_scores(metric, agents, x, driven, keys, labels)
-
-
-def _list_undefined(metric: str, agents: tuple[str, ...]) -> list[RankCorrelation]:
-    """Return the correlations of a metric that too few agents have."""
-    return [RankCorrelation(metric, score, agents, None, None) for score in CLOSED_METRICS]
-
-
-def _correlate_scores(
-    metric: str,
-    agents: tuple[str, ...],
-    x: Float,
-    driven: Mapping[str, Mapping[EpisodeKey, ScenarioResult]],
-    keys: Sequence[EpisodeKey],
-    labels: Sequence[Label],
-) -> Iterator[RankCorrelation]:
-    """Yield the correlation of a metric with each closed-loop score. x: (R, agents), more is better."""
-    counts = draw_nested_counts(labels)
     usable = ~np.isnan(x).any(axis=-1)  # a resample may lack all recordings in which an agent has a plan
     for score in CLOSED_METRICS:
         closed = np.array([[getattr(driven[agent][key], score) for agent in agents] for key in keys])

@@ -1,7 +1,6 @@
 """Tables and figure of open loop against closed loop (RQ3)."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,9 +15,7 @@ from mdrive_sumo.core.tables import (
 )
 from mdrive_sumo.report.comparison_report.report_figures import ReportFigure
 from mdrive_sumo.report.figure_style import COLOURS, MARKERS
-from mdrive_sumo.study.paper.detector_precision import DetectorPrecisions
 from mdrive_sumo.study.paper.open_closed import OPEN_METRICS, OpenClosedComparison, OpenClosedLine
-from mdrive_sumo.study.paper.paper_study import is_surrogate
 from mdrive_sumo.study.study_files import make_interval_cell
 
 METRIC_LABELS = {
@@ -30,11 +27,6 @@ METRIC_LABELS = {
     "overlap": "overlap [%] ↓",
 }
 SCORE_LABELS = {"ds": "DS [%] ↑", "sr": "SR [%] ↑"}
-MEASURED_LABELS = {
-    "ap50_clean": "AP50 clean [%] ↑",
-    "ap70_clean": "AP70 clean [%] ↑",
-    "ap50_estimated": "AP50 estimated poses [%] ↑",
-}
 FIGURE_METRICS = ("ap50", "ade")
 """Open-loop axes of the paper's figure (fig:mdrive_olcl_correlation)."""
 
@@ -65,52 +57,8 @@ def _choose_best(metric: str) -> BestValue:
     return BestValue.HIGHEST if OPEN_METRICS[metric] > 0 else BestValue.LOWEST
 
 
-def build_detector_table(comparison: OpenClosedComparison, precisions: DetectorPrecisions) -> Table:
-    """Return the precisions of detectors beside the scores of agents that drive with them, the most precise first."""
-    trained = [line for line in comparison.lines if not is_surrogate(line.agent)]
-    by_agent = precisions.get("ap50_clean", {})
-    trained.sort(key=lambda line: -by_agent[line.agent].mean if line.agent in by_agent else 0.0)
-    ends, best = IntervalStyle.ENDS, BestValue.HIGHEST
-    columns = (
-        Column("agent", "agent"),
-        *(Column(metric, label, "test frames", intervals=ends, best=best) for metric, label in MEASURED_LABELS.items()),
-        Column("ap50", METRIC_LABELS["ap50"], "open loop", best=best),
-        *(Column(score, label, "closed loop", best=best) for score, label in SCORE_LABELS.items()),
-        *(Column(f"place_{key}", label, "place by", 0) for key, label in (("ap50_clean", "AP50 clean"), ("ds", "DS"))),
-    )
-    measured = {line.agent: by_agent[line.agent].mean for line in trained if line.agent in by_agent}
-    places = _find_places(measured), _find_places({line.agent: line.ds for line in trained})
-    surrogates = [line for line in comparison.lines if is_surrogate(line.agent)]
-    rows = [
-        make_row(
-            (
-                line.agent,
-                *(make_interval_cell(precisions.get(metric, {}).get(line.agent)) for metric in MEASURED_LABELS),
-                *(line.open.ap50, line.ds, line.sr),
-                *(place.get(line.agent) for place in places),
-            ),
-            "surrogates: error models of published precision, no detectors" if is_surrogate(line.agent) else "",
-            is_ranked=not is_surrogate(line.agent),
-        )
-        for line in (*trained, *surrogates)
-    ]
-    note = (
-        "All have the paper's rule-based planner. Test frames: of places that nobody drives, by"
-        " `learn evaluate-detectors`, vehicles"
-        f"{'' if precisions else '; none are given (--detectors FILE)'}. Open loop and closed loop: the same"
-        f" {comparison.scenarios} scenarios."
-    )
-    return Table("detectors", "Detectors: precision and driving", columns, tuple(rows), note).mark_columns()
-
-
-def _find_places(value_by_agent: Mapping[str, float]) -> Mapping[str, float]:
-    """Return the place of each agent, from 1 for the highest value; equal values share one."""
-    values = [*value_by_agent.values()]
-    return {agent: 1.0 + sum(other > value for other in values) for agent, value in value_by_agent.items()}
-
-
-def build_correlation_table(comparison: OpenClosedComparison, labels: Mapping[str, str] = METRIC_LABELS) -> Table:
-    """Return the rank correlations of metrics with closed-loop scores. labels: of the metrics that are shown."""
+def build_correlation_table(comparison: OpenClosedComparison) -> Table:
+    """Return the rank correlations of open-loop metrics with closed-loop scores."""
     ends = IntervalStyle.ENDS
     columns = (
         Column("metric", "open loop"),
@@ -122,14 +70,13 @@ def build_correlation_table(comparison: OpenClosedComparison, labels: Mapping[st
     rows = [
         make_row(
             (
-                labels[correlation.metric][:-2],
+                METRIC_LABELS[correlation.metric][:-2],
                 correlation.score.upper(),
                 float(len(correlation.agents)),
                 *(make_interval_cell(interval) for interval in (correlation.spearman, correlation.kendall)),
             )
         )
         for correlation in comparison.correlations
-        if correlation.metric in labels
     ]
     note = (
         "+1: the agents have the same order in both loops, best first; 0: open loop does not tell; -1: the reverse."
@@ -137,14 +84,6 @@ def build_correlation_table(comparison: OpenClosedComparison, labels: Mapping[st
         " -: too few agents, or all tied."
     )
     return Table("rank_correlation", "Rank correlation of open and closed loop", columns, tuple(rows), note)
-
-
-def build_detector_correlation_table(comparison: OpenClosedComparison) -> Table:
-    """Return the rank correlations of the precision of trained detectors with closed-loop scores."""
-    labels = {**MEASURED_LABELS, "ap50": METRIC_LABELS["ap50"].replace("AP50", "AP50 in open loop")}
-    table = build_correlation_table(comparison, labels)
-    note = f"{table.note} Precision on test frames is the same in every resample."
-    return replace(table, name="detector_correlation", title="Rank correlation of precision and driving", note=note)
 
 
 def make_open_closed_figure(comparison: OpenClosedComparison) -> ReportFigure:

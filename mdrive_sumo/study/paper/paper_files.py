@@ -12,7 +12,6 @@ from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scoring import Means, Results, ScenarioResult
 from mdrive_sumo.study.human.human_results import build_human_json
 from mdrive_sumo.study.paper.cooperation_gain import PairGain, RoleGap
-from mdrive_sumo.study.paper.open_closed import OpenClosedComparison
 from mdrive_sumo.study.paper.paper_agents import find_role
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
 from mdrive_sumo.study.paper.paper_report import PaperRequest, build_paper_report
@@ -39,11 +38,10 @@ def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mappin
         "learned_gaps": _describe_gaps(numbers.learned_gaps),
         "gains": _describe_gains(numbers.gains),
         "learned_gains": _describe_gains(numbers.learned_gains),
-        "open_closed": _describe_comparison(numbers.comparison),
-        "precisions": {
-            metric: {agent: asdict(one) for agent, one in each.items()} for metric, each in numbers.precisions.items()
-        },
-        "detectors": _describe_comparison(numbers.detectors),
+        "open_closed": asdict(numbers.comparison)
+        | {"lines": [asdict(entry) | {"open": entry.open.model_dump()} for entry in numbers.comparison.lines]},
+        "precisions": {name: dict(values) for name, values in numbers.precisions.items()},
+        "precision_correlations": [asdict(one) for one in numbers.precision_correlations],
         "humans": None if request.humans is None else build_human_json(request.humans),
         "channel": [
             {
@@ -69,11 +67,6 @@ def _describe_gains(gains: Sequence[PairGain]) -> list[dict[str, Any]]:
         asdict(entry) | {"shown_ds": shown_ds, "shown_sr": shown_sr}
         for entry, shown_ds, shown_sr in zip(gains, ds, sr, strict=True)
     ]
-
-
-def _describe_comparison(comparison: OpenClosedComparison) -> dict[str, Any]:
-    lines = [asdict(entry) | {"open": entry.open.model_dump()} for entry in comparison.lines]
-    return asdict(comparison) | {"lines": lines}
 
 
 def _describe_run(results: Results) -> dict[str, Any]:

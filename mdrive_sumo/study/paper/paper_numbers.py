@@ -16,10 +16,22 @@ from mdrive_sumo.study.paper.cooperation_gain import (
     compute_role_gaps,
     split_learned_gap,
 )
-from mdrive_sumo.study.paper.detector_precision import DetectorPrecisions, compare_detectors
-from mdrive_sumo.study.paper.open_closed import OpenClosedComparison, compare_open_with_closed
+from mdrive_sumo.study.paper.detector_order import (
+    Precisions,
+    correlate_open_precision,
+    correlate_precisions,
+    select_detectors,
+)
+from mdrive_sumo.study.paper.open_closed import OpenClosedComparison, RankCorrelation, compare_open_with_closed
 from mdrive_sumo.study.paper.paper_plan import PaperPlan
-from mdrive_sumo.study.paper.paper_study import ClosedRow, OpenRow, PaperRow, PaperStudy, is_surrogate
+from mdrive_sumo.study.paper.paper_study import (
+    ClosedRow,
+    OpenRow,
+    PaperRow,
+    PaperStudy,
+    is_surrogate,
+    select_results,
+)
 from mdrive_sumo.study.study_runs import StudyRow
 
 
@@ -41,9 +53,10 @@ class PaperNumbers:
     gains: tuple[PairGain, ...]
     learned_gains: tuple[PairGain, ...]
     comparison: OpenClosedComparison
-    precisions: DetectorPrecisions
-    detectors: OpenClosedComparison
-    """Of the agents that differ in their detector only."""
+    precisions: Precisions
+    detectors: Mapping[str, Results]
+    """`perception-swap:*` by detector, over the scenarios of both loops."""
+    precision_correlations: tuple[RankCorrelation, ...]
 
     @property
     def runs(self) -> tuple[Results, ...]:
@@ -52,7 +65,7 @@ class PaperNumbers:
 
 
 def compute_paper_numbers(
-    study: PaperStudy, rows: Sequence[PaperRow], precisions: DetectorPrecisions = MappingProxyType({})
+    study: PaperStudy, rows: Sequence[PaperRow], precisions: Precisions = MappingProxyType({})
 ) -> PaperNumbers:
     """Return the numbers of a finished study, which has an agent for the main table. precisions: of test frames."""
     closed = {row.agent: row for row in rows if isinstance(row, ClosedRow) and row.agent in study.agents}
@@ -60,6 +73,7 @@ def compute_paper_numbers(
     main = [row for name, row in closed.items() if not is_surrogate(name)]
     driven = {row.agent: row.results for row in main}
     results = {name: row.results for name, row in closed.items()}
+    detectors = select_detectors({name: select_results(run, study.plan.logs) for name, run in results.items()})
     return PaperNumbers(
         study.plan,
         tuple(scenario for scenario in study.reference.scenarios if scenario.id in {*study.plan.closed}),
@@ -73,5 +87,6 @@ def compute_paper_numbers(
         compute_pair_gains(driven, LEARNED_PAIRS),
         compare_open_with_closed(opened, results),
         precisions,
-        compare_detectors(opened, results, precisions),
+        detectors,
+        (*correlate_precisions(detectors, precisions), *correlate_open_precision(opened, results)),
     )

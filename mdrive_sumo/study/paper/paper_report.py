@@ -24,10 +24,9 @@ from mdrive_sumo.study.human.human_report import NO_PERSON, build_rq4_parts
 from mdrive_sumo.study.human.human_results import HumanStudyResults
 from mdrive_sumo.study.paper import section_texts
 from mdrive_sumo.study.paper.cooperation_gain import PAIRS
+from mdrive_sumo.study.paper.detector_order import build_detector_table, build_precision_correlations
 from mdrive_sumo.study.paper.open_closed_table import (
     build_correlation_table,
-    build_detector_correlation_table,
-    build_detector_table,
     build_open_closed_table,
     make_open_closed_figure,
 )
@@ -57,6 +56,7 @@ CHOICES: Mapping[PaperScale, str] = MappingProxyType(
 )
 TITLE = "The paper's tables and figures, measured with mdrive-sumo"
 QUICK_PREFIX = "quick_"
+NO_PRECISION = "Precision on test frames is not given: --detectors FILE."
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,9 +171,12 @@ def _build_gain_section(numbers: PaperNumbers) -> ReportSection:
 
 def _build_open_closed_section(numbers: PaperNumbers) -> ReportSection:
     tables = [build_open_closed_table(numbers.comparison), build_correlation_table(numbers.comparison)]
-    if numbers.detectors.lines:
-        tables.append(build_detector_table(numbers.detectors, numbers.precisions))
-        tables.append(build_detector_correlation_table(numbers.detectors))
+    if numbers.detectors:
+        table = build_detector_table(numbers.detectors, numbers.precisions)
+        given = "" if numbers.precisions else NO_PRECISION
+        tables.append(replace(table, note=f"{table.note} {given}".strip()))
+    if numbers.precision_correlations:
+        tables.append(build_precision_correlations(numbers.precision_correlations))
     section = _make_section(section_texts.OPEN_CLOSED, tuple(tables))
     return replace(section, figures=(make_open_closed_figure(numbers.comparison),))
 

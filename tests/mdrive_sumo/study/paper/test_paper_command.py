@@ -11,6 +11,9 @@ from testing import paper_fakes
 from testing.human_study import make_plan
 from testing.study_samples import invoke
 
+from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.learning.fusion.detector_tables import DetectorSummary, write_detectors_json
+from mdrive_sumo.learning.fusion.detectors_file import COMPARED
 from mdrive_sumo.open_loop import OpenLoopScenario
 from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob
 from mdrive_sumo.runs.episode_job import EpisodeJob
@@ -130,7 +133,7 @@ def test_bad_input_is_one_sentence_and_leaves_no_folder(
     monkeypatch.setattr("mdrive_sumo.agents.learned.fusion_network.WEIGHTS_FOLDER", suite)
     ended = study(suite, *given, agents=agents)
     assert (ended.exit_code, called(suite)) == (2, [])
-    assert re.search(problem, ended.output) and len(ended.stderr.splitlines()) <= 4, "usage, help, error"
+    assert re.search(problem, ended.output) and ended.stderr.count("Error: ") == 1
     assert not (suite.parent / "out").exists()
 
 
@@ -160,13 +163,20 @@ def test_another_study_is_refused_unless_it_starts_anew(suite: Path, monkeypatch
 
 @pytest.mark.slow
 def test_seeds_are_one_run_and_every_episode_is_in_the_numbers(suite: Path) -> None:
-    ended = study(suite, "--seeds", "2", "--all-scenarios", agents="sharing,idm,stationary")
+    precisions = DetectorSummary({"none": {}}, {"none": {COMPARED[0]: ConfidenceInterval(0.7, None, None, 3)}}, {}, {})
+    (suite / "detectors.json").write_text(write_detectors_json(precisions))
+    agents = "sharing,idm,stationary,perception-swap:cobevt:profile"
+    given = ("--seeds", "2", "--all-scenarios", "--detectors", suite / "detectors.json")
+    ended = study(suite, *given, agents=agents)
     assert ended.exit_code == 0, ended.output
     page = json.loads((suite.parent / "out" / "paper.json").read_text())
     assert (page["seeds"], page["scale"]) == ([0, 1], "whole")
     found = [(one["id"], one["seed"]) for one in page["closed"]["sharing"]["episodes"]]
     assert found == [("s0", 0), ("s0", 1), ("s1", 0), ("s1", 1)]
     assert page["open_closed"]["scenarios"] == 2
+    assert page["precisions"]["AP@0.5 clean"] == {"none": 70.0}
+    (surrogate,) = csv.DictReader((suite.parent / "out" / "csv" / "detectors.csv").read_text().splitlines())
+    assert (surrogate["detector"], surrogate["AP@0.5 clean"]) == ("cobevt:profile", ""), "no detector runs in it"
 
 
 @pytest.mark.slow

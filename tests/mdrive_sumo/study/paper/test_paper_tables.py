@@ -200,7 +200,8 @@ def make_numbers(scale: PaperScale, suite: str = "interdrive@0", buckets: Sequen
         learned_gains=(),
         comparison=OpenClosedComparison(0, (), ()),
         precisions={},
-        detectors=OpenClosedComparison(0, (), ()),
+        detectors={},
+        precision_correlations=(),
     )
 
 
