@@ -20,9 +20,12 @@ from typing import Any
 import click
 
 from mdrive_sumo.agents.learned.fusion_spec import BOUNDS, FUSIONS
+from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
+from mdrive_sumo.agents.registry import DETECTOR_AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_parents, write_text
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.scoring import Means, Results, compute_bucket_means, compute_overall, load_results
 from tools.seed_runs import check_seed_runs
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
@@ -136,6 +139,21 @@ def _check_runs(runs: Sequence[Results]) -> None:
         if found != expected:
             raise InputError(f"agent {first.run.agent}: {name}: expected {expected or 'none'}, found {found}")
     check_seed_runs(runs)
+    if first.run.agent_config not in _list_packaged_options(first.run.agent):
+        raise InputError(
+            f"agent {first.run.agent}: expected it as packaged, found a run with options; those that name the packaged"
+            " weights, with or without the provider cpu, are allowed"
+        )
+
+
+def _list_packaged_options(agent: str) -> set[str]:
+    """Return the hashes of options with which an agent drives as packaged."""
+    if not AgentSpec(agent).is_learned:
+        return {""}
+    name = getattr(DETECTOR_AGENTS[agent], "weights", agent) if agent in DETECTOR_AGENTS else agent
+    weights = {"weights": str(WEIGHTS_FOLDER / f"{name}.onnx")}
+    options = {}, weights, {"provider": "cpu"}, weights | {"provider": "cpu"}
+    return {AgentSpec(agent, one).config_hash() for one in options}
 
 
 def format_baselines(rows: Mapping[str, Any], agents: Iterable[str]) -> str:

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, load_unchecked_results, save_results, summarize_run
 from tools import write_results
 from tools.write_results import BUCKETS, SWAPS, build_row, build_rows, format_baselines, format_times
@@ -111,6 +113,19 @@ def test_runs_that_differ_in_more_than_the_seed_are_refused(second: Results, say
 def test_runs_under_other_conditions_than_the_table_are_refused(facts: dict[str, object], says: str) -> None:
     with pytest.raises(InputError, match=f"agent idm: {says}"):
         build_rows([run(0, **facts), run(1, **facts)], "abc")
+
+
+def test_a_row_is_of_an_agent_as_packaged(tmp_path: Path) -> None:
+    """A host may name the packaged weights by their path there; the hash of options is over their bytes."""
+    copied = tmp_path / "tcp.onnx"
+    copied.write_bytes((WEIGHTS_FOLDER / "tcp.onnx").read_bytes())
+    named = AgentSpec("tcp", {"weights": str(copied), "provider": "cpu"}).config_hash()
+    assert build_rows([run(0, agent="tcp", agent_config=named)], "abc")["tcp"]["seeds"] == [0]
+    copied.write_bytes(b"others")
+    others = AgentSpec("tcp", {"weights": str(copied), "provider": "cpu"}).config_hash()
+    for agent, options in (("tcp", others), ("idm", named), ("perception-swap:late", named)):
+        with pytest.raises(InputError, match=f"agent {agent}: expected it as packaged, found a run with options"):
+            build_rows([run(0, agent=agent, agent_config=options)], "abc")
 
 
 def test_a_run_of_one_bucket_is_refused() -> None:
