@@ -30,6 +30,7 @@ COMMANDS = sorted({*MODULES} - PARTS)
 WITHOUT_DRY_RUN = {
     "tools.codriving_values",
     "tools.draw_fused_grids",
+    "tools.draw_training_curves",
     "tools.draw_world_sheets",
     *("tools.compare_platforms", "tools.detector_calibration", "tools.draw_camera_pictures"),
     "tools.sample_episodes",
