@@ -25,6 +25,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 
 TICKS = 60
+SMALL = (800, 450)
+"""Few pixels, because the processor draws them."""
 WITHOUT_WEBGL = """
 const getContext = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, options) {
@@ -83,13 +85,13 @@ def test_road_users_have_looks_and_lamps(episode: EpisodeRecord) -> None:
 
 @pytest.fixture
 def page(gl_browser: Any, replay_file: Path) -> Iterator[Any]:
-    for tab in open_quietly(gl_browser, replay_file.as_uri()):
+    for tab in open_quietly(gl_browser, replay_file.as_uri(), SMALL):
         wait_until(tab, "window.viewer !== undefined")
         yield tab
 
 
 @needs_browser
-def test_a_key_shows_what_the_selected_cav_is_in_the_middle_of(page: Any, episode: EpisodeRecord) -> None:
+def test_it_shows_what_the_selected_cav_is_in_the_middle_of_in_all_modes(page: Any, episode: EpisodeRecord) -> None:
     page.keyboard.press("d")
     wait_until(page, "viewer.space.view !== undefined && viewer.space.drawn !== undefined")
     assert page.locator("#view-3d").is_visible() and page.locator("#toggle-3d").get_attribute("aria-pressed") == "true"
@@ -103,12 +105,6 @@ def test_a_key_shows_what_the_selected_cav_is_in_the_middle_of(page: Any, episod
     assert page.evaluate("viewer.space.view.users.users.size") == episode.valid[30].sum()
     page.locator(".choose").nth(2).click()
     wait_until(page, "viewer.space.view.pose.own === 2")
-
-
-@needs_browser
-def test_modes_follow_each_other_and_the_map_comes_back(page: Any) -> None:
-    page.locator("#toggle-3d").click()
-    wait_until(page, "viewer.space.view !== undefined")
     names: list[str] = []
     for _ in range(4):
         names.append(page.locator("#view-mode").inner_text())
@@ -116,13 +112,15 @@ def test_modes_follow_each_other_and_the_map_comes_back(page: Any) -> None:
     assert names == ["Chase", "Driver", "Mirrors", "Cameras"]
     page.keyboard.press("d")
     assert page.locator("#space").is_hidden() and page.locator("#map").is_visible()
+    page.locator("#toggle-3d").click()
+    assert page.locator("#space").is_visible()
     page.keyboard.press("?")
     assert "3-D view" in page.locator("#help").inner_text()
 
 
 @needs_browser
 def test_without_webgl_a_sentence_says_so_and_the_map_stays(gl_browser: Any, replay_file: Path) -> None:
-    tab = gl_browser.new_page()
+    tab = gl_browser.new_page(viewport={"width": SMALL[0], "height": SMALL[1]})
     tab.add_init_script(WITHOUT_WEBGL)
     tab.goto(replay_file.as_uri())
     wait_until(tab, "window.viewer !== undefined")
