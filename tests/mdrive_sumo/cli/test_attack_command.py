@@ -21,6 +21,7 @@ def run(*words: str | Path) -> tuple[int, str]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 def test_an_attacked_run_says_so_everywhere_and_can_be_verified(tmp_path: Path) -> None:
     out = tmp_path / "run"
     code, shown = run("eval", *SHORT, "--agent", "sharing", "--attack", "phantom:share=30", "--out", out)

@@ -75,6 +75,7 @@ def test_bad_input_gets_one_sentence(tmp_path: Path, words: tuple[str, ...], sen
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 def test_the_command_writes_its_files(tmp_path: Path) -> None:
     out = tmp_path / "study"
     suite = ("--suite", "v2xpnp@0", "--scenario", "corridor_014")  # two CAVs for nine seconds

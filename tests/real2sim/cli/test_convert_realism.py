@@ -55,6 +55,7 @@ def test_what_has_no_log_and_what_stands_beside_a_source_is_refused(suite: Path)
     assert "--summary: expected no --realism beside it: one report a call" in both.stderr
 
 
+@pytest.mark.usefixtures("in_process")
 def test_real_logs_are_more_like_scheduled_traffic_than_like_sumos_defaults(shared_data: Path, tmp_path: Path) -> None:
     logs = shared_data / "real_logs" / "commonroad"
     converted = run("commonroad", logs, "--out", tmp_path / "suite", "--workers", "1")
