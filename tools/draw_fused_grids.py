@@ -2,8 +2,9 @@
 
     python -m tools.draw_fused_grids DATA PICTURE.png [--detector attfuse] [--weights DIR] [--frame N]...
 
-DATA is a folder of `learn scans`. Without --frame it takes three frames of different places, those with the most
-vehicles that the own scan has no point on and a sender's has: chosen by what there is, not by what a detector finds.
+DATA is a folder of `learn scans`. Without --frame it takes three frames, of different places where there are as many,
+those with the most vehicles that the own scan has no point on and a sender's has: chosen by what there is, not by what
+a detector finds.
 Features pass through the codec of messages with the budget of a drive, and lie where the estimated poses put them.
 """
 
@@ -88,24 +89,25 @@ class FusedScene:
         wrong = len(self.is_right) - right
         return (
             f"{self.title}: {len(self.boxes)} road users, {hidden} of them seen by others only; found {right}, {new} of"
-            f" them not by the own scan alone; {wrong} detections of nothing"
+            f" them not by the own scan alone; {wrong} detections lie on no true box"
         )
 
 
 def choose_frames(frames: FusionFrames, count: int) -> list[int]:
-    """Return frames of different places with the most vehicles that only senders have points on; the first of equals.
+    """Return the frames with the most vehicles that only senders have points on, one of each place.
 
-    Raises InputError for a data set without such frames.
+    If there are fewer places than wanted, other drives at them follow. Raises InputError without such frames.
     """
     is_hidden = frames.is_target & (frames.box_class == 0) & (frames.box_points[:, :, 0] == 0)
     hidden = is_hidden.sum(axis=1)
-    chosen: list[int] = []
-    for row in np.argsort(-hidden, kind="stable").tolist():
-        if hidden[row] and frames.place[row] not in frames.place[chosen] and len(chosen) < count:
-            chosen.append(row)
-    if not chosen:
+    order = [row for row in np.argsort(-hidden, kind="stable").tolist() if hidden[row]]
+    if not order:
         raise InputError("frames: expected some with vehicles that only senders see, found none")
-    return chosen
+    by_place = {int(frames.place[row]): row for row in reversed(order)}
+    by_drive = {(int(frames.place[row]), int(frames.episode[row])): row for row in reversed(order)}
+    chosen = sorted(by_place.values(), key=order.index)
+    chosen += [row for row in sorted(by_drive.values(), key=order.index) if row not in chosen]
+    return chosen[:count]
 
 
 def build_scene(frames: FusionFrames, row: int, detector: FusionDetector) -> FusedScene:
@@ -190,7 +192,7 @@ def draw_scenes(scenes: Sequence[FusedScene], path: Path) -> None:
             Line2D([], [], color=OWN, label="found by the own scan alone; seen by the own car"),
             Line2D([], [], color=OTHERS, label="found only with what others sent; seen by others only"),
             Line2D([], [], color=NOBODY, label="true box that no car has a point on"),
-            Line2D([], [], color="black", linestyle=":", label="detection of nothing"),
+            Line2D([], [], color="black", linestyle=":", label=f"detection that lies on no true box (IoU {MIN_IOU})"),
             Line2D([], [], color=NOT_ARRIVED, lw=6, label="no features arrived; among detections: a true box"),
             Line2D([], [], color="black", marker="^", linestyle="", label="own car"),
             Line2D([], [], color=COLOURS[2], marker="^", linestyle="", label="sender"),

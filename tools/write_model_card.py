@@ -170,7 +170,7 @@ def _format_detector_training(trainings: Mapping[str, Mapping[str, Any]]) -> str
         rows.append(
             (
                 f"`{name}`",
-                f"{training.get('frames', '?')}: {', '.join(training.get('sources', ()))}",
+                f"{training.get('frames', '?')}: {_name_sources(training)}",
                 f"{training.get('steps', '?')} of {options.get('batch', '?')} frames",
                 f"{options.get('learning_rate', '?')}",
                 f"{options.get('seed', '?')}",
@@ -241,7 +241,13 @@ def _format_training(training: Mapping[str, Any], measured: Mapping[str, Any]) -
 
 def _describe_data(training: Mapping[str, Any]) -> str:
     """Return samples and data sets of a training."""
-    return f"{training.get('samples', '?')} samples: {', '.join(training.get('sources', ()))}"
+    return f"{training.get('samples', '?')} samples: {_name_sources(training)}"
+
+
+def _name_sources(training: Mapping[str, Any]) -> str:
+    """Return the data sets of a training by folder and name: where they lay on a host says nothing."""
+    paths = [Path(source) for source in training.get("sources", ())]
+    return ", ".join(str(Path(path.parent.name, path.name)) for path in paths)
 
 
 def _list_earlier(training: Mapping[str, Any]) -> Iterable[str]:

@@ -1,5 +1,6 @@
 """Pictures of fused grids: which frames are drawn, where features of others lie, what counts as added by them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,10 @@ def test_frames_with_the_most_hidden_vehicles_are_drawn_one_of_each_place(frames
     assert [hidden[row] for row in chosen] == sorted((hidden[row] for row in chosen), reverse=True)
     for row in chosen:
         assert hidden[row] == hidden[frames.place == frames.place[row]].max()
+    one_place = take_frames(frames, np.flatnonzero(frames.place == frames.place[chosen[0]]))
+    assert len(choose_frames(one_place, 2)) == 1
+    drives = replace(one_place, episode=np.arange(len(one_place), dtype=np.int32))
+    assert len(choose_frames(drives, 2)) == 2
     with pytest.raises(InputError, match="expected some with vehicles that only senders see, found none"):
         choose_frames(take_frames(frames, np.flatnonzero(hidden == 0)[:0]), 3)
 

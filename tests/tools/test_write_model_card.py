@@ -170,7 +170,7 @@ def test_a_card_of_detectors_says_how_each_was_trained_and_what_it_finds(
         monkeypatch.setattr(write_model_card, name, tmp_path / folder)
     monkeypatch.setattr(write_model_card, "load_results", load_unchecked_results)
     training = {
-        "frames": 24_000, "sources": ["d/train", "d/crowds"], "steps": 5000, "is_gated": True, "device": "H100",
+        "frames": 24_000, "sources": ["/tmp/s/d/train", "d/crowds"], "steps": 5000, "is_gated": True, "device": "H100",
         "options": {"batch": 32, "seed": 0, "learning_rate": 6e-4}, "best": {"precision": 0.71, "step": 5000},
         "begun_with": {"checkpoint": "out/none/best.pt", "detector": "none"}, "torch": "2.11", "minutes": 4.5,
     }  # fmt: skip
