@@ -56,7 +56,7 @@ INTRODUCTIONS: Mapping[str, str] = {
     " network of our own. It is not the published model, and its scores are not those of the published model.",
 }
 TEST_SETS: Mapping[str, str] = {"detectors": "test", "detectors-crowds": "test, crowds"}
-"""Files of values with precisions, and the set that each was measured on."""
+"""Files of values with precisions, which are also names of pages, and the set that each was measured on."""
 SHOWN_PRECISIONS = (
     FigureKey("clean", 0.5, "all"),
     FigureKey("clean", 0.7, "all"),
@@ -135,7 +135,7 @@ def format_detector_card(
 ) -> str:
     """Return a card of detectors as Markdown.
 
-    manifests: of encoder and fusion of each detector. precisions: by test set; none of `codriving`.
+    manifests: of encoder and fusion of each detector. precisions: by file in `TEST_SETS`; none of `codriving`.
     """
     weights = [
         (
@@ -155,7 +155,10 @@ def format_detector_card(
         "## Training\n\n" + _format_detector_training({name: pair[1].training for name, pair in manifests.items()})
         + _format_commands(measured),
     ]  # fmt: skip
-    sections += [f"## Precision, {name}\n\n{_format_precisions(found)}" for name, found in precisions.items()]
+    sections += [
+        f"## Precision, {TEST_SETS[file]}\n\n{_format_precisions(summary, file)}"
+        for file, summary in precisions.items()
+    ]
     return _join_sections(sections, measured)
 
 
@@ -188,7 +191,7 @@ def _format_detector_training(trainings: Mapping[str, Mapping[str, Any]]) -> str
     )
 
 
-def _format_precisions(summary: DetectorSummary) -> str:
+def _format_precisions(summary: DetectorSummary, page: str) -> str:
     def format_cell(name: str, key: FigureKey) -> str:
         interval = summary.precisions[name].get(key)
         if interval is None:
@@ -201,7 +204,7 @@ def _format_precisions(summary: DetectorSummary) -> str:
     data = next(iter(summary.about.values()))["data"]
     return (
         f"Average precision of vehicles in percent, on {data['frames']} frames at {len(data['places'])} places that no"
-        " training has seen; all of it is in [the results](../results/detectors.md).\n\n"
+        f" training has seen; all of it is in [the results](../results/{page}.md).\n\n"
         + _format_table(("detector", *header), rows)
     )
 
@@ -386,11 +389,11 @@ def _build_detector_card(card: str, measured: Mapping[str, Any]) -> str:
         for name in CARD_DETECTORS[card]
     }
     precisions: dict[str, DetectorSummary] = {}
-    for file, test_set in TEST_SETS.items() if card == DETECTORS else ():
+    for file in TEST_SETS if card == DETECTORS else ():
         path = VALUES_FOLDER / f"{file}.json"
         if not path.is_file():
             continue
-        precisions[test_set] = summary = read_detectors(path)
+        precisions[file] = summary = read_detectors(path)
         for name, (_, manifest) in manifests.items():
             if name in summary.about and summary.about[name].get("training") != manifest.training:
                 raise InputError(f"{path}: {name}: expected figures of the packaged weights, found those of others")
