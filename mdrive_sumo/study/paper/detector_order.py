@@ -29,7 +29,7 @@ from mdrive_sumo.study.study_files import make_interval_cell, make_interval_colu
 BASE = "none"
 """The detector that gets nothing from others."""
 Precisions = Mapping[str, Mapping[str, float]]
-"""[%] By name of the measure and detector: of frames that nobody drives."""
+"""[%] By name of the measure and detector, on test frames of `learn evaluate-detectors`."""
 OPEN_PRECISION = "AP50 in open loop"
 SURROGATES = "surrogates: error models of published precision, no detectors"
 
