@@ -62,6 +62,7 @@ from mdrive_sumo.study.study_runs import RUNS_FOLDER
 )
 @setting_option("suite", default="mdrive")
 @add_options(seed_options(first="The first seed; 0: as written.", count="How many seeds."))
+@setting_option("record_features")
 @setting_option("fresh", help="Start anew instead of continuing an interrupted study.")
 @setting_option("agent_limits")
 @workers_option
@@ -133,6 +134,7 @@ class _PaperOptions:
     suite: str
     seed: int
     seeds: int
+    record_features: bool
     fresh: bool
     workers: int
     agent_limits: AgentLimits | None
@@ -176,6 +178,7 @@ class _PaperOptions:
             suite=self.suite,
             agent=spec if spec.is_builtin or self.agent_limits is None else spec.with_limits(self.agent_limits),
             seeds=tuple(range(self.seed, self.seed + self.seeds)),
+            record_features=self.record_features,
             workers=self.workers,
             out=self.out,
             fresh=self.fresh,
