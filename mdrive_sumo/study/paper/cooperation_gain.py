@@ -35,8 +35,8 @@ RULE_PAIRS: Mapping[tuple[str, str], str] = {
     ("colmdriver", "single"): "negotiation by language model, without sharing",
 }
 LEARNED_PAIRS: Mapping[tuple[str, str], str] = {
-    ("codriving", "codriving:alone"): "features on request, with the same weights",
-    ("codriving:fast", "codriving:fast-alone"): "features on request, with the same weights, without the cap",
+    ("codriving", "codriving:alone"): "features on request",
+    ("codriving:fast", "codriving:fast-alone"): "features on request, without the cap",
     ("perception-swap:late", "perception-swap:none"): "boxes of the same detector",
     ("perception-swap:early", "perception-swap:none"): "points, for a detector of its own",
     **{(f"perception-swap:{name}", "perception-swap:none"): "features, for a detector of its own" for name in FUSIONS},

@@ -71,9 +71,9 @@ CATEGORY_FIGURE = SectionText(
     "The gap between multi-agent and single-agent systems in H is 3.54 in static avoidance, 35.12 in dynamic avoidance"
     " and 24.58 in dynamic coordination.",
     "H, the levels and the way in which the gap is taken. Where codriving and codriving:alone are in the study, the gap"
-    " of learned systems is split: alone has the network, planner and cap of the other and no messages, so their"
-    " difference is what messages gain, and what is left comes from sensors, planner and training. The paper cannot"
-    " separate them.",
+    " of learned systems is split: alone has the planner and cap of the other, its weights unless options say otherwise,"
+    " and no messages, so their difference is what messages gain, and what is left comes from sensors, planner and"
+    " training. The paper cannot separate them.",
     "The size of the gap: it depends on which agents are in each group. The paper's two groups differ in perception,"
     " planner and training besides cooperation. perception-swap:* are in no group, as in the paper.",
 )
@@ -84,7 +84,7 @@ GAINS = SectionText(
     " negotiation benefits coordination among CAVs, and less where there is rich background traffic.",
     "The question. Here the agents of a pair have one planner and differ in what they exchange, so the difference is"
     " the gain of that; the paper cannot separate it from the planner. So it is for learned perception: codriving"
-    " beside the same weights without messages, detectors that share beside perception-swap:none.",
+    " beside its twin without messages, detectors that share beside perception-swap:none.",
     "The language model: sharing+negotiation and colmdriver-rule negotiate by rule and hallucinate nothing. A detector"
     " that fuses and perception-swap:none were trained apart, so their difference has chance of training in it.",
 )
