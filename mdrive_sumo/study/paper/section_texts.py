@@ -71,7 +71,7 @@ CATEGORY_FIGURE = SectionText(
     "The gap between multi-agent and single-agent systems in H is 3.54 in static avoidance, 35.12 in dynamic avoidance"
     " and 24.58 in dynamic coordination.",
     "H, the levels and the way in which the gap is taken. Where codriving and codriving:alone are in the study, the gap"
-    " of learned systems is split: alone has the planner and cap of the other, its weights unless options say otherwise,"
+    " of learned systems is split: alone has the planner and cap of the other, its weights unless options differ,"
     " and no messages, so their difference is what messages gain, and what is left comes from sensors, planner and"
     " training. The paper cannot separate them.",
     "The size of the gap: it depends on which agents are in each group. The paper's two groups differ in perception,"
