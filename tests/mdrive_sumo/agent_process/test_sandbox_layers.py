@@ -172,6 +172,7 @@ def test_a_live_workers_group_stays_before_the_worker_joins_it(tmp_path: Path) -
     assert live.is_dir() and not dead.exists()
 
 
+@pytest.mark.slow
 def test_an_episodes_memory_is_limited_and_its_group_removed() -> None:
     hierarchy = cgroups.find_hierarchy()
     if hierarchy is None or hierarchy.version != 1:
@@ -189,6 +190,7 @@ def test_an_episodes_memory_is_limited_and_its_group_removed() -> None:
     assert not group.exists()
 
 
+@pytest.mark.slow
 def test_a_box_that_starves_by_the_limit_of_a_group_around_it_is_our_failure() -> None:
     hierarchy = cgroups.find_hierarchy()
     if hierarchy is None or hierarchy.version != 1:

@@ -99,6 +99,7 @@ def test_where_it_knows_no_drive_it_drives_blindly() -> None:
     assert (drive_blindly(MemoryAgent({}), about) == drive_blindly(ConstantSpeedAgent({}), about)).all()
 
 
+@pytest.mark.slow
 def test_every_cav_of_season_0_has_its_drive_and_no_option_is_taken() -> None:
     drives, suite = load_drives(), load_suite("mdrive@0")
     cavs = [(ego, compute_time_limit_ticks(scenario)[ego.id] * DT) for scenario in suite for ego in scenario.egos]

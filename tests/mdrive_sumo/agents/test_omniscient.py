@@ -164,6 +164,7 @@ def test_a_waiting_pedestrian_who_has_started_walks_on() -> None:
     assert predict_walking_on(cars, first).speed.tolist() == [0.0, 0.0, 0.8]
 
 
+@pytest.mark.slow
 def test_it_stops_at_red_with_the_speeds_of_the_protocol_too() -> None:
     (written,) = load_suite("interdrive@0").select("i22_ins_sr_boulevard")
     scenario, roads = written.model_copy(update={"signals": "program"}), load_road_map(find_network_folder("boulevard"))

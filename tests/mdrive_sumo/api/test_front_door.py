@@ -55,6 +55,7 @@ def test_a_suite_is_a_list_with_globs() -> None:
         suite["nothing"]
 
 
+@pytest.mark.slow
 def test_a_suite_as_a_frame_has_one_row_per_scenario() -> None:
     frame = md.load_suite("interdrive@0").to_frame()
     assert len(frame) == 46 and frame.cavs.sum() == 175

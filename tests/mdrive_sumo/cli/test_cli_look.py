@@ -44,6 +44,7 @@ def test_list_scenarios_has_a_row_for_each() -> None:
     assert [s.id for s in load_suite("interdrive@0").scenarios] == [row.split()[0] for row in rows]
 
 
+@pytest.mark.slow
 def test_list_agents_says_what_each_does() -> None:
     table, _, legend = call("list", "agents").output.partition("\n\n")
     rows = [line.split(maxsplit=2) for line in table.splitlines()[2:]]
@@ -55,6 +56,7 @@ def test_list_agents_says_what_each_does() -> None:
     )
 
 
+@pytest.mark.slow
 def test_list_networks_says_whether_signs_are_known() -> None:
     rows = [line.split() for line in call("list", "networks").output.splitlines()[2:]]
     assert len(rows) >= 6

@@ -53,6 +53,7 @@ def test_results_of_a_part_say_how_much_they_are(finished: Path, partial: Path) 
     assert len(md.load_run(partial).scores) == 2
 
 
+@pytest.mark.slow
 def test_every_reading_command_marks_a_partial_run(finished: Path, partial: Path, tmp_path: Path) -> None:
     listed = call("list", "runs", tmp_path)
     assert MARK in listed.output
@@ -74,6 +75,7 @@ def test_every_reading_command_marks_a_partial_run(finished: Path, partial: Path
     assert MARK in Path(beside.output.strip()).read_text()
 
 
+@pytest.mark.slow
 def test_a_report_of_partial_runs_is_over_what_all_have(finished: Path, tmp_path: Path) -> None:
     other = interrupt(finished, tmp_path / "other", 1)
     done = call("report", other, "--out", tmp_path / "report", "--baseline", load_run_results(other).run.agent)

@@ -84,6 +84,7 @@ def test_they_are_listed_with_package_version_and_checksum(installed: Path) -> N
     assert list_packaged_suites()["tiny-suite"] == installed.parent / "suite"
 
 
+@pytest.mark.slow
 def test_they_are_part_of_a_run_that_depends_on_them(installed: Path, tmp_path: Path) -> None:
     def fingerprint(**options: object) -> dict[str, str]:
         config = RunConfig(out=tmp_path / "run", scenario="i02*", **{"suite": "interdrive@0", **options})  # pyright: ignore

@@ -121,6 +121,7 @@ def run(code: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_the_switch_uses_the_python_text_without_a_word() -> None:
     code = "from mdrive_sumo.core import compiled, portable; print(type(portable.cos_sin), compiled.format_notice())"
     assert run(code, MDRIVE_COMPILED="off") == "<class 'function'>"

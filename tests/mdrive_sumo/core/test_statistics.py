@@ -188,6 +188,7 @@ def test_intervals_hold_the_true_mean_of_places_that_differ(places: int, least: 
     assert held >= least * 200
 
 
+@pytest.mark.slow
 def test_resamples_of_a_whole_study_take_well_below_a_second() -> None:
     values, labels = np.random.default_rng(0).normal(0, 1, 1125), label(75, 3, 5)
     statistics._draw_counts.cache_clear()

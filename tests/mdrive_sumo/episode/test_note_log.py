@@ -40,6 +40,7 @@ def test_what_is_kept_is_within_the_limits_and_nothing_else_is_dropped(notes: li
         assert kept == notes
 
 
+@pytest.mark.slow
 def test_an_episode_of_an_attacker_is_small() -> None:
     """As found: 1500 kinds a tick made a result of 17 MB."""
     log = NoteLog()

@@ -44,6 +44,7 @@ def test_both_texts_pack_odd_frames_alike(frame: Frame) -> None:
     compare_twins("episode_quantization_pack_states", frame)
 
 
+@pytest.mark.slow
 @given(frame=frames(HELD))
 def test_both_texts_pack_a_frame_alike(frame: Frame) -> None:
     compare_twins("episode_quantization_pack_states", frame)

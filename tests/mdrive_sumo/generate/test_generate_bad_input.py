@@ -262,6 +262,7 @@ def by_model(out: Path, *more: object) -> str:
     return generate(out, "--proposer", "llm", *more)
 
 
+@pytest.mark.slow
 def test_a_model_that_never_proposes_a_valid_one_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generation_search, "MAX_TRIES", 3)
     empty = propose(Category.CROSSWALK, random.Random(1)).model_copy(update={"actors": ()})
@@ -276,6 +277,7 @@ def test_a_model_that_never_proposes_a_valid_one_is_given_up(tmp_path: Path, mon
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_model_that_does_not_answer_ends_at_the_first_proposal(tmp_path: Path) -> None:
     with served(lambda _: (500, b"")) as service:
         said = by_model(tmp_path / "out", "--endpoint", service.url, "--attempts", 1)

@@ -24,6 +24,7 @@ def test_the_first_edition_is_older_than_what_seasons_promise() -> None:
     assert list(find_hard_problems(load_hard(), (), "", must_be_complete=True)) == []
 
 
+@pytest.mark.slow
 def test_its_scenarios_are_distinct_and_on_networks_of_their_own() -> None:
     scenarios = load_hard().scenarios
     assert all(not rivals for rivals in find_rivals(scenarios).values())

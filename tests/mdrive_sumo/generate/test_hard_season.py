@@ -66,6 +66,7 @@ def test_a_season_is_a_sealed_suite_with_its_places(drawn: Path) -> None:
         assert limits == recipe.time_limits_s == {name: 1.5 * count / 20 + 2.0 for name, count in ticks.items()}
 
 
+@pytest.mark.slow
 def test_its_recipes_make_it_again_without_any_drive(drawn: Path) -> None:
     result = CliRunner().invoke(main, ["generate", "--rebuild", str(drawn)])
     assert (result.exit_code, result.output) == (0, "4 of 4 scenarios are as their recipes make them\n")
@@ -84,6 +85,7 @@ def test_the_journal_chooses_the_same_again_and_is_small(drawn: Path, monkeypatc
     assert len(lines) == 17 and max(map(len, lines)) < 1500
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_continues(drawn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = 0
 
@@ -106,6 +108,7 @@ def test_an_interrupted_search_continues(drawn: Path, tmp_path: Path, monkeypatc
     assert read_contents(tmp_path / "hard") == read_contents(drawn)
 
 
+@pytest.mark.slow
 def test_a_continued_search_counts_the_candidates_of_its_families_alone(
     drawn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -128,6 +131,7 @@ class ManyWorkers(LocalExecutor[J, R]):
         return [self._done.pop()]
 
 
+@pytest.mark.slow
 def test_the_order_in_which_candidates_finish_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generate_hard, "choose_scenarios", lambda *_: ())  # the choice sorts them
     journals: list[list[str]] = []
@@ -141,6 +145,7 @@ def test_the_order_in_which_candidates_finish_changes_nothing(tmp_path: Path, mo
     assert one != many and sorted(one) == sorted(many)
 
 
+@pytest.mark.slow
 def test_a_secret_makes_another_season_that_does_not_tell_it(drawn: Path, tmp_path: Path) -> None:
     (tmp_path / "secret").write_text(SECRET)
     out = tmp_path / "hidden"

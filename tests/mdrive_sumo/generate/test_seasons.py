@@ -249,6 +249,7 @@ def test_a_stated_share_of_each_bucket_is_at_running_signals() -> None:
         assert len({group.name for group in groups}) == len(groups)
 
 
+@pytest.mark.slow
 def test_places_have_signals_exactly_where_they_run() -> None:
     for choices, has_signals in ((CHOICES, False), (CHOICES_AT_SIGNALS, True)):
         for choice in {str(one): one for options in choices.values() for one in options}.values():

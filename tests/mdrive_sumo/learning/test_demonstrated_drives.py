@@ -90,6 +90,7 @@ def test_plan_and_control_are_what_the_person_did(takes: Path, samples: list[Tra
     assert split_key(samples[0].key) == ("takes-000000_c0", HANDED_OVER.stop)
 
 
+@pytest.mark.slow
 def test_the_same_takes_give_the_same_bytes(takes: Path, samples: list[TrainingSample]) -> None:
     assert samples
     assert invoke("learn", "demonstrations", takes / "takes", "--out", takes / "again").exit_code == 0

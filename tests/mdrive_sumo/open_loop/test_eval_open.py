@@ -81,6 +81,7 @@ def test_the_agent_of_the_reference_plans_nearly_what_it_drove(reference: Path, 
     assert json.loads((tmp_path / "a" / "open_loop.json").read_text())["overall"] == found
 
 
+@pytest.mark.slow
 def test_an_agent_of_a_file_that_stands_and_then_fails(reference: Path, tmp_path: Path) -> None:
     (tmp_path / "still.py").write_text(AGENT)
     (tmp_path / "most.json").write_text('{"most": 5.0}')

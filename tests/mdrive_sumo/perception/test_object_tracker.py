@@ -238,6 +238,7 @@ def test_poses_of_the_future_and_boxes_without_a_size_count_for_nothing() -> Non
     assert not tracker.update(seen(0, own(), things())).ids
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.one_of(cams(), cpms(), mcms()), st.randoms(use_true_random=False)), max_size=4))
 def test_whatever_stations_say_objects_are_boxes_that_an_agent_may_name(
     said: list[tuple[Cam | Cpm | Mcm, Random]],

@@ -100,6 +100,7 @@ def test_stations(seed: int, count: int, bad: float | None) -> None:
     compare_twins("perception_measurements_measure_stations", TICK, stations, own(), TRACKING)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.lists(COUNTS, max_size=4), BAD, st.booleans())
 def test_reports(seed: int, counts: list[int], bad: float | None, has_sigmas: bool) -> None:
     rng = np.random.default_rng(seed)

@@ -74,6 +74,7 @@ def random_motion(rng: np.random.Generator) -> PredictedMotion:
     return PredictedMotion(poses, length, 2.0, Reason(Cause.AVOID), bool(rng.random() < 0.5), gap_m)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_conflicts_with_motions(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -102,6 +103,7 @@ def random_objects(rng: np.random.Generator) -> Objects:
     return Objects(ids, rng.integers(0, 4, count).astype(np.uint8), *columns)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_right_of_way(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -150,6 +152,7 @@ def test_speed_profiles_and_free_drives(seed: int) -> None:
         compare_twins("planning_free_drive_drive_freely", speeds, place, 5.0, *limits, points)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_obstacles(seed: int) -> None:
     rng = np.random.default_rng(seed)

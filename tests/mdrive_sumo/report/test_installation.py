@@ -50,6 +50,7 @@ def test_a_system_without_posix_is_told_what_works_there(monkeypatch: pytest.Mon
     )
 
 
+@pytest.mark.slow
 def test_a_broken_simulator_is_found_without_breaking_the_doctor(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installation, "SIMULATOR_CHECK", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     result = CliRunner().invoke(command)
@@ -64,6 +65,7 @@ def test_a_missing_extra_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     assert CliRunner().invoke(command).exit_code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sound_simulator")
 def test_a_missing_renderer_is_named_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GLCONTEXT_DEVICE_INDEX", "nine")

@@ -32,6 +32,7 @@ def read_images(page: str) -> Any:
     return json.loads(found[1]) if found else None
 
 
+@pytest.mark.slow
 def test_a_page_carries_the_images_of_its_cavs_within_the_episode() -> None:
     page = render_replay(record(), scenario(2), crossing(), (), None, make_tracks(HOSTILE))
     first, second = read_images(page)
@@ -40,11 +41,13 @@ def test_a_page_carries_the_images_of_its_cavs_within_the_episode() -> None:
     assert page.lower().count("</script>") == 5
 
 
+@pytest.mark.slow
 def test_without_images_a_page_has_no_card_for_them() -> None:
     page = render_replay(record(), scenario(2), crossing(), ())
     assert 'id="cameras"' not in page and read_images(page) is None
 
 
+@pytest.mark.slow
 def test_of_too_many_images_every_second_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     size = sum(len(image) for track in make_tracks()[:2] for image in track.images.values())
     monkeypatch.setattr(replay_data, "MAX_PAGE_BYTES", size // 2 + 1)

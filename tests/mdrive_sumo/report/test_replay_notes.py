@@ -58,6 +58,7 @@ def test_an_error_that_is_no_list_is_shown() -> None:
     assert shown(EXCHANGE, '{"error": 5}') == ("no answer: 5", "")
 
 
+@pytest.mark.slow
 def test_reasons_keep_to_the_limit_and_empty_ones_are_left_out() -> None:
     others = tuple(f"{i}" + "\U000e0001" * 100_000 for i in range(1000))
     shown(REASON, Reason(Cause.YIELD, others).to_note().text)

@@ -43,6 +43,7 @@ def list_corners(parts: list[list[int]], vertices: Any, corners: Any) -> list[tu
     return listed
 
 
+@pytest.mark.slow
 def test_the_scene_is_what_cameras_draw() -> None:
     header, tables = unpack(pack_scene(crossing(), AREA, "rain", (30.0, -20.0)))
     mesh, lamps = build_scene_meshes(crossing(), AREA, np.array((30.0, -20.0, 0.0)))
@@ -67,6 +68,7 @@ def test_models_are_those_of_cameras() -> None:
     assert np.abs(np.concatenate([rows for _, rows in parts])).max() <= header["models"]["steps"]
 
 
+@pytest.mark.slow
 def test_the_same_scene_has_the_same_bytes() -> None:
     assert pack_scene(crossing(), AREA) == pack_scene(crossing(), AREA)
 

@@ -46,6 +46,7 @@ def test_season_0_is_what_came_before_seasons(name: str) -> None:
         assert suite.checksum() == suite.about.checksum
 
 
+@pytest.mark.slow
 def test_a_packaged_season_lies_where_its_name_says() -> None:
     for name, folder in list_exact_suites().items():
         assert load_suite(name).folder == folder

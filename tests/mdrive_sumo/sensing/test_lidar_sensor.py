@@ -235,6 +235,7 @@ def test_noise_depends_on_the_seed_and_the_tick_only() -> None:
     assert len({noisy(7), noisy(8), noisy(7, seed=6)}) == 3
 
 
+@pytest.mark.slow
 def test_noise_of_one_ray_does_not_depend_on_what_others_hit() -> None:
     other: Box = (Kind.VEHICLE, 10.0, 0.0, 0.0, 4.5, 1.9)
     alone, together = (scan(sensor(noise_m=0.05, dropout=0.2), *others).points for others in ((), (other,)))

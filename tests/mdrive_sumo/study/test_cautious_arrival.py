@@ -142,6 +142,7 @@ def test_a_real_step_has_a_way_through_the_cells(speed: float) -> None:
     assert not np.isfinite(after[faster:]).any()
 
 
+@pytest.mark.slow
 def test_a_hidden_cyclist_costs_time_and_a_second_one_costs_more() -> None:
     free, one = arrive(replace(CYCLIST, has_wall=False)), arrive(CYCLIST)
     assert free + 0.5 < one < free + 3.0
@@ -149,6 +150,7 @@ def test_a_hidden_cyclist_costs_time_and_a_second_one_costs_more() -> None:
     assert arrive(both) - arrive(open_road) == pytest.approx(2.0 * (one - free), rel=0.25)
 
 
+@pytest.mark.slow
 def test_no_driver_is_safe_where_the_nose_is_in_the_way_before_the_cyclist_is_seen() -> None:
     assert arrive(CLOSE) == math.inf
     certificate = certify_need(CLOSE.scenario, CLOSE.roads, CLOSE.record)

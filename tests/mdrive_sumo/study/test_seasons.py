@@ -100,6 +100,7 @@ def study(tmp_path: Path, *more: str | Path, agents: str = "take-turns,idm") -> 
     return invoke("study", "seasons", "--agents", agents, "--out", tmp_path / "out", "--workers", "1", *more)
 
 
+@pytest.mark.slow
 def test_one_command_drives_all_and_a_second_one_nothing(calls: list[tuple[str, str, int]], tmp_path: Path) -> None:
     ended = study(tmp_path, "--seasons", "0-2", "--seeds", "2")
     assert ended.exit_code == 0, ended.output

@@ -65,6 +65,7 @@ def test_bodies(body: bytes) -> None:
         compare_twins("v2x_encoding_build_cpm", PLACE, parts)
 
 
+@pytest.mark.slow
 @given(mcm=mcms())
 def test_mcms(mcm: Mcm) -> None:
     pose = decode_pose(encode_header(6, mcm.pose))

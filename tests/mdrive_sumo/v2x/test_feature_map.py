@@ -109,6 +109,7 @@ def test_a_map_comes_back_within_half_a_step(seed: int, bits: int, has_signs: bo
     assert (np.abs(received.features - values).max(axis=(1, 2)) <= step / 2 + 1e-5).all()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 99), st.data())
 def test_any_packets_in_any_order_give_their_tiles_and_no_others(seed: int, data: st.DataObject) -> None:
     values, confidence = draw_map(seed)

@@ -152,6 +152,7 @@ def compare_contacts(
         compare_twins("vehicle_contact_resolve_contacts", before, after, vehicles, obstacles, walls)
 
 
+@pytest.mark.slow
 @given(MOVING, MOVING)
 def test_contacts(
     cavs: list[tuple[VehicleState, tuple[float, ...]]], others: list[tuple[VehicleState, tuple[float, ...]]]
@@ -159,6 +160,7 @@ def test_contacts(
     compare_contacts(*([(car, move(car, way)) for car, way in cars] for cars in (cavs, others)))
 
 
+@pytest.mark.slow
 @given(
     MOVING, MOVING, st.lists(st.tuples(st.integers(0, 9), st.sampled_from(("x", "y", "yaw", "vx")), ANY), max_size=3)
 )

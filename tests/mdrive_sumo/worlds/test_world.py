@@ -10,6 +10,7 @@ from mdrive_sumo.scenario.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.worlds import World
 
 
+@pytest.mark.slow
 def test_a_drawn_place_is_the_same_in_the_cache_and_in_a_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

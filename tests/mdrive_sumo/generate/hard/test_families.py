@@ -55,6 +55,7 @@ def draw_place_of(family: ScenarioFamily, folder: Path) -> HardPlace:
     raise AssertionError(f"{family.category}: expected a sound place, found none")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("category", FAMILIES)
 def test_a_family_builds_sound_scenarios_on_its_places(category: str, folder: Path) -> None:
     family = FAMILIES[category]

@@ -81,6 +81,7 @@ def test_every_cav_crosses_riders_who_pass_closely_behind_a_row(
     assert max(gaps) < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", families_agreed.FAMILIES, ids=lambda family: family.category)
 def test_cavs_come_from_all_streets_and_riders_of_two_streams_never_touch(
     family: ScenarioFamily, tmp_path_factory: pytest.TempPathFactory

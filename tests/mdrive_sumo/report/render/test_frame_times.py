@@ -46,6 +46,7 @@ def test_ten_seconds_have_ten_seconds_of_frames(fps: int, count: int) -> None:
     assert len(choose_ticks(0, 199, fps, 1.0)) == count
 
 
+@pytest.mark.slow
 @given(st.integers(1, 2000), st.integers(1, 50))
 def test_rounded_durations_do_not_add_up(frames: int, fps: int) -> None:
     durations = choose_durations_cs(frames, fps, 1.0)

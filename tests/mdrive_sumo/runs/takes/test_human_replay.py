@@ -26,6 +26,7 @@ def replay(folder: Path, *words: str | Path | int, **options: object) -> Result:
     return invoke("eval", *words, *more)
 
 
+@pytest.mark.slow
 def test_a_replay_is_the_take_under_its_own_name(tmp_path: Path, suite: Path, take: Path) -> None:
     run, ended = tmp_path / "run", replay(tmp_path, "--suite", suite, take=str(take))
     assert ended.exit_code == 0, ended.output
@@ -37,6 +38,7 @@ def test_a_replay_is_the_take_under_its_own_name(tmp_path: Path, suite: Path, ta
     assert str(tmp_path) not in (run / "journal.jsonl").read_text()
 
 
+@pytest.mark.slow
 def test_a_replay_finds_its_take_from_anywhere(
     tmp_path: Path, suite: Path, take: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -47,6 +49,7 @@ def test_a_replay_finds_its_take_from_anywhere(
     assert ended.exit_code == 0, ended.output
 
 
+@pytest.mark.slow
 def test_a_replay_identifies_its_take(tmp_path: Path, suite: Path, take: Path) -> None:
     run = tmp_path / "run"
     assert replay(tmp_path, "--suite", suite, take=str(take)).exit_code == 0
@@ -59,6 +62,7 @@ def test_a_replay_identifies_its_take(tmp_path: Path, suite: Path, take: Path) -
     assert (ended.exit_code, "expected a take of i01_" in ended.stderr) == (2, True), ended.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3])  # another CAV is under test
 def test_a_replay_among_other_agents(tmp_path: Path, suite: Path, take: Path, seed: int) -> None:
     """The world is another one: the controls of the take are repeated as long as there are any."""

@@ -108,6 +108,7 @@ def test_a_branch_repeats_its_parent_until_its_tick(tmp_path: Path, suite: Path,
     assert invoke("verify", run.folder, "--workers", 1).exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_run_of_any_agent_is_entered(tmp_path: Path, suite: Path) -> None:
     """Its controls, messages and notes are repeated, whatever wrote them; forged notes of drivers are left out."""
     agent = tmp_path / "agent.py"

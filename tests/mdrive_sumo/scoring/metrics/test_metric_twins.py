@@ -33,6 +33,7 @@ def build_frames(draw: st.DrawFn) -> Columns:
     return {"x": x, "y": y, "yaw": yaw, "speed": speed, "valid": valid, "length": length, "width": width}
 
 
+@pytest.mark.slow
 @given(build_frames())
 def test_times_between_road_users(frames: Columns) -> None:
     for column in range(len(frames["length"])):

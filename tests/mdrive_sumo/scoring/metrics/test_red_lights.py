@@ -49,6 +49,7 @@ def test_the_next_lane_is_no_way_around_a_red_light() -> None:
     assert crossing({0: "r"}, y=3.2) == [("red-light", 101)]
 
 
+@pytest.mark.slow
 def test_a_light_without_a_recorded_state_is_an_error() -> None:
     with pytest.raises(EpisodeMismatch, match="junction"):
         crossing({})

@@ -71,6 +71,7 @@ def test_drawn_traffic_leaves_room_for_what_is_there(draft: ScenarioBuilder) -> 
     assert draft.build() == scenario
 
 
+@pytest.mark.slow
 def test_the_suite_folder_grows_and_brings_its_network(tmp_path: Path) -> None:
     world = md.worlds.draw(place="crossing", seed=7, folder=tmp_path / "place")
     entry, exit_ = (next(name for name in world.roads.lanes if f"_{way}_" in name) for way in ("in", "out"))

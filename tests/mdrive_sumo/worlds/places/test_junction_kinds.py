@@ -109,6 +109,7 @@ def test_every_arm_reaches_every_other(kind: str, seed: int) -> None:
     assert len(set(ways)) >= len(entries) * (len(exits) - own)
 
 
+@pytest.mark.slow
 @given(kind=st.sampled_from(KINDS), seed=st.integers(0, 2**31))
 @settings(max_examples=25, deadline=None)
 def test_drafts_keep_to_their_rules(kind: str, seed: int) -> None:
@@ -128,6 +129,7 @@ def test_drafts_keep_to_their_rules(kind: str, seed: int) -> None:
     assert sum(shape.area for shape in shapes) == pytest.approx(shapely.union_all(shapes).area, abs=0.01)
 
 
+@pytest.mark.slow
 @given(area=st.sampled_from(sorted(SURROUNDINGS)), seed=st.integers(0, 10_000))
 @settings(max_examples=15, deadline=None)
 def test_only_old_towns_give_up_sight_triangles(area: str, seed: int) -> None:
@@ -135,6 +137,7 @@ def test_only_old_towns_give_up_sight_triangles(area: str, seed: int) -> None:
     assert place.parameters["keeps_sight"] or area == "old_town"
 
 
+@pytest.mark.slow
 def test_the_stated_share_of_old_towns_gives_up_sight_triangles() -> None:
     places = [draw_place("crossing", seed, area="old_town", arms=3, control="priority") for seed in range(80)]
     share = sum(bool(place.parameters["keeps_sight"]) for place in places) / len(places)
@@ -149,6 +152,7 @@ def test_a_building_in_a_sight_triangle_is_found(tmp_path: Path) -> None:
     assert any("hides" in fault for fault in check_place(roads))
 
 
+@pytest.mark.slow
 def test_signs_tell_the_rule_of_the_junction(tmp_path: Path) -> None:
     for control, stops, yields in (("stop", 2, 0), ("priority", 0, 2), ("all_way_stop", 4, 0), ("signals", 0, 0)):
         place = draw_place("crossing", 1, arms=4, control=control, area="town", main_lanes=1, side_lanes=1)

@@ -86,6 +86,7 @@ def count(*traffics: Traffic) -> Counter[str]:
     return kinds
 
 
+@pytest.mark.slow
 def test_a_busy_town_has_everything_that_streets_have(places: dict[tuple[str, int], RoadMap]) -> None:
     kinds = count(*(drawn(roads, "town-busy", seed) for roads in places.values() for seed in range(6)))
     wanted = {"vehicle", "cyclist", "stops", "pulls out", "parked", "door", "driver", "walker", "crosser", "stander"}
