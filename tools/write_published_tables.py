@@ -35,7 +35,7 @@ from mdrive_sumo.learning.fusion.detectors_file import DETECTORS_FILE, read_dete
 from mdrive_sumo.open_loop import OPEN_LOOP_FILE, OpenLoopResults
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.scenario.scenario import load_model
-from mdrive_sumo.scoring import Results, load_results, summarize_run
+from mdrive_sumo.scoring import Results, load_results
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.study.attacks import ATTACKS, AttackRow, describe_defence, summarise_attacks
 from mdrive_sumo.study.attacks_files import build_attacks_table
@@ -48,8 +48,7 @@ from mdrive_sumo.study.study_files import LOADS, build_study_table, count_by_cha
 from mdrive_sumo.study.study_runs import StudyRow
 from mdrive_sumo.study.study_summary import summarise_rows
 from mdrive_sumo.study.twin_scenarios import TwinFactor
-from mdrive_sumo.study.twins import ORIGINAL, TwinLine, TwinRow, TwinSummary, compare_pairs, pair_twins
-from mdrive_sumo.study.twins_files import build_twins_table
+from mdrive_sumo.study.twins import ORIGINAL
 from mdrive_sumo.v2x.attacks.attack_settings import NO_ATTACK
 from mdrive_sumo.v2x.comm_settings import parse_comm
 from tools.aim_tables import (
@@ -68,12 +67,12 @@ from tools.published_values import (
     BUDGET_PART,
     WHOLE,
     Values,
-    find_compared_agent,
     read_opened,
     read_values,
     write_values,
 )
 from tools.tool_command import HELP, ToolCommand, dry_run_option
+from tools.twin_values import list_originals, list_twins, pair_runs
 
 ROOT = Path(__file__).parents[1]
 DOCS, VALUES = Path("docs"), Path("docs/results/values")
@@ -221,39 +220,6 @@ TWINS = "twins"
 """The table of `study twins`, whose files have a part for each factor and one for its originals."""
 
 
-def pair_runs(parts: Mapping[str, Runs]) -> Values:
-    """Return the scores that a study of twins compares, of its runs by the name of their folder: `PART`."""
-    rows = [
-        TwinRow(find_compared_agent(results.run), None if part == ORIGINAL else TwinFactor(part), (results,))
-        for part, found in parts.items()
-        for results in found
-    ]
-    infos = {(row.agent, row.factor): row.results[0].run for row in rows}
-    values: dict[str, list[Results]] = {}
-    for (agent, factor), pairs in pair_twins(rows).items():
-        bases, twins = zip(*pairs, strict=True)
-        values.setdefault(_name_originals(factor), []).append(summarize_run(infos[agent, None], bases))
-        values.setdefault(factor.value, []).append(summarize_run(infos[agent, factor], twins))
-    return values
-
-
-def _name_originals(factor: TwinFactor) -> str:
-    return f"{factor}, {ORIGINAL}"
-
-
-def _list_twins(values: Values) -> Paragraphs:
-    lines: list[TwinLine] = []
-    for factor in (one for one in TwinFactor if one in values):
-        originals = {results.run.agent: results for results in values[_name_originals(factor)]}
-        for twin in values[factor]:
-            agent = find_compared_agent(twin.run)
-            pairs = zip(originals[agent].scenarios, twin.scenarios, strict=True)
-            lines.append(compare_pairs(agent, factor, [*pairs]))
-    summary = TwinSummary(tuple(sorted(lines, key=lambda line: line.agent)), gaps=(), void=0)
-    described = _describe_runs([one for factor in TwinFactor for one in values.get(_name_originals(factor), ())])
-    return described, format_markdown(build_twins_table(summary)), count_by_chance(line.change for line in lines)
-
-
 def _find_kind(values: Values) -> str:
     """Return what the runs of a file are of."""
     if WHOLE in values:
@@ -274,7 +240,9 @@ def _format_runs(table: str, values: Values, opened: Sequence[OpenLoopResults]) 
         return _describe_runs(list_shown_runs(table, values)), *list_paper_table(table, values, opened)
     if table == BUDGETS:
         return list_budget_table(values)
-    return _list_twins(values) if table == TWINS else TABLES[table](values[WHOLE])
+    if table == TWINS:
+        return _describe_runs(list_originals(values)), *list_twins(values)
+    return TABLES[table](values[WHOLE])
 
 
 @dataclass(frozen=True, slots=True)

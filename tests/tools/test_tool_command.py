@@ -24,6 +24,7 @@ PARTS = {
     "tools.published_values",
     "tools.seed_runs",
     "tools.tool_command",
+    "tools.twin_values",
 }
 """Modules of tools that are no commands."""
 COMMANDS = sorted({*MODULES} - PARTS)
