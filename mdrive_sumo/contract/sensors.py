@@ -136,8 +136,6 @@ class SemanticClass(IntEnum):
     ROAD_LINE = 6
     ROAD = 7
     SIDEWALK = 8
-    VEGETATION = 9
-    """Trees."""
     VEHICLE = 10
     """Also bicycles and motorcycles without their riders, as in CARLA."""
     TRAFFIC_SIGN = 12

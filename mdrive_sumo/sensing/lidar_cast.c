@@ -5,11 +5,10 @@
 
 #include "../core/geometry.h"
 
-static const double EDGE_SLACK = 1e-9, TOUCH_M = 1e-9, MIDDLE_M = 0.52, FACE_STEPS = 126.0;
-static const int64_t ROOF = 127, MIDDLE = 128;
+static const double EDGE_SLACK = 1e-9, TOUCH_M = 1e-9;
 static const int CORNERS[2][4] = {{1, -1, -1, 1}, {1, 1, -1, -1}};
 FIELDS(RAYS, "azimuth", "across", "climb", "order", "shared");
-FIELDS(BOXES, "x", "y", "yaw", "length", "width", "foot", "top", "owner");
+FIELDS(BOXES, "x", "y", "yaw", "length", "width", "top", "owner");
 FIELDS(WALLS, "start", "end", "owner", "top");
 
 /* Rays as in lidar_rays.LidarRays. */
@@ -110,23 +109,18 @@ static bool find_columns(const Rays *rays, double low, double high, Columns *fou
 }
 
 /* As pack_keys. */
-static int64_t pack_key(double distance, int64_t target) {
+static int64_t pack_key(double distance, int64_t owner) {
     float narrow = (float)distance;
     int32_t bits;
     memcpy(&bits, &narrow, sizeof bits);
-    return (int64_t)((uint64_t)(int64_t)bits << 32) | target;
+    return (int64_t)((uint64_t)(int64_t)bits << 32) | owner;
 }
-
-/* As _find_face; the cosine is a number. */
-static int64_t find_face(double cosine) { return (int64_t)((cosine < 1.0 ? cosine : 1.0) * FACE_STEPS + 0.5); }
-
-static int64_t mark(int64_t owner, int64_t face) { return (int64_t)((uint64_t)owner << 8) | face; }
 
 /* A column that meets something between two horizontal distances. */
 typedef struct {
     Py_ssize_t column;
-    double near, far, foot, top;
-    int64_t owner, face;
+    double near, far, top;
+    int64_t owner;
 } Intersection;
 
 typedef struct {
@@ -145,23 +139,22 @@ static void hit_column(const Scan *scan, Intersection met) {
     const double *climb = doubles(&scan->rays->climb);
     Py_ssize_t channels = scan->rays->channels;
     double near = met.near > TOUCH_M ? met.near : TOUCH_M;
-    int64_t *best = scan->best + met.column * channels, key = pack_key(near, mark(met.owner, met.face));
-    Py_ssize_t foot = search_left(climb, channels, met.foot / near);
+    int64_t *best = scan->best + met.column * channels, key = pack_key(near, met.owner);
+    Py_ssize_t foot = search_left(climb, channels, -scan->height / near);
     Py_ssize_t edge = search_right(climb, channels, met.top / near);
     for (Py_ssize_t i = foot; i < edge; i++) keep_least(best + i, key);
     if (!(met.top < 0.0)) return;
     Py_ssize_t end = search_right(climb, channels, met.top / met.far);
-    for (Py_ssize_t i = edge; i < end; i++) keep_least(best + i, pack_key(met.top / climb[i], mark(met.owner, ROOF)));
+    for (Py_ssize_t i = edge; i < end; i++) keep_least(best + i, pack_key(met.top / climb[i], met.owner));
 }
 
 /* As _hit_one_by_one, of one ray. */
 static void hit_ray(const Scan *scan, Intersection met) {
     double climb = doubles(&scan->rays->climb)[met.column];
     int64_t *best = scan->best + ((const int64_t *)scan->rays->order.data)[met.column];
-    double rise = met.near * climb;
-    if (rise >= met.foot && rise <= met.top) keep_least(best, pack_key(met.near, mark(met.owner, met.face)));
-    else if (rise > met.top && met.far * climb <= met.top)
-        keep_least(best, pack_key(met.top / climb, mark(met.owner, ROOF)));
+    if (met.near * climb <= met.top) keep_least(best, pack_key(met.near, met.owner));
+    else if (met.near * climb > met.top && met.far * climb <= met.top)
+        keep_least(best, pack_key(met.top / climb, met.owner));
 }
 
 static void hit(const Scan *scan, Intersection met) {
@@ -171,7 +164,7 @@ static void hit(const Scan *scan, Intersection met) {
 }
 
 typedef struct {
-    double x, y, along_x, along_y, area, length, top;
+    double x, y, along_x, along_y, area, top;
     int64_t owner;
     Columns columns;
 } Wall;
@@ -185,12 +178,8 @@ static void intersect_wall(const Scan *scan, const Wall *wall, bool is_search) {
         double turn = x * wall->along_y - y * wall->along_x, where = wall->x * y - wall->y * x;
         if (!(turn < 0.0 && where <= -EDGE_SLACK * turn && where >= (1 + EDGE_SLACK) * turn)) continue;
         double near = wall->area / turn;
-        if (is_search) {
-            if (near < scan->nearest[column]) scan->nearest[column] = near;
-            continue;
-        }
-        int64_t face = find_face(-turn / wall->length);
-        hit(scan, (Intersection){column, near, near, -scan->height, wall->top, wall->owner, face});
+        if (!is_search) hit(scan, (Intersection){column, near, near, wall->top, wall->owner});
+        else if (near < scan->nearest[column]) scan->nearest[column] = near;
     }
 }
 
@@ -199,8 +188,6 @@ static bool face_wall(const Scan *scan, const double *start, const double *end, 
     wall->x = start[0], wall->y = start[1];
     wall->along_x = end[0] - start[0], wall->along_y = end[1] - start[1];
     wall->area = wall->x * wall->along_y - wall->y * wall->along_x;
-    wall->length = portable_hypot(wall->along_x, wall->along_y);
-    if (!(wall->length > 1e-300)) wall->length = 1e-300;
     *is_front = wall->area < 0.0;
     if (!*is_front) return true;
     /* Seen from outside, a wall runs clockwise: its end comes first. */
@@ -237,7 +224,7 @@ static bool cast_on_walls(const Scan *scan, PyObject *object) {
 }
 
 typedef struct {
-    double x, y, length, width, foot, top;
+    double x, y, length, width, top;
     CosSin yaw;
     double own_x, own_y; /* the sensor in the frame of the box */
     int64_t owner;
@@ -276,11 +263,7 @@ static void intersect_column(const Scan *scan, const LidarBox *box, Py_ssize_t c
     cut_slab(box->own_y, step_y, box->width / 2, &in_y, &out_y);
     double near = in_x > in_y || isnan(in_x) ? in_x : in_y, far = out_x < out_y || isnan(out_x) ? out_x : out_y;
     if (!(near <= far && far > 0.0 && (near > 0.0 || box->top < 0.0))) return;
-    if (!(near > 0.0)) near = 0.0;
-    bool is_end = in_x >= in_y;
-    int64_t face = find_face(fabs(is_end ? step_x : step_y));
-    if (is_end && fabs(box->own_y + near * step_y) <= MIDDLE_M / 2) face += MIDDLE;
-    hit(scan, (Intersection){column, near, far, box->foot, box->top, box->owner, face});
+    hit(scan, (Intersection){column, near > 0.0 ? near : 0.0, far, box->top, box->owner});
 }
 
 static bool intersect_box(const Scan *scan, LidarBox *box) {
@@ -299,11 +282,11 @@ static bool intersect_box(const Scan *scan, LidarBox *box) {
 }
 
 static bool cast_on_boxes(const Scan *scan, PyObject *object) {
-    Array columns[8], *arrays[8];
-    for (int i = 0; i < 8; i++) arrays[i] = columns + i;
-    if (!open_fields(object, &BOXES, "dddddddl", arrays)) return false;
+    Array columns[7], *arrays[7];
+    for (int i = 0; i < 7; i++) arrays[i] = columns + i;
+    if (!open_fields(object, &BOXES, "ddddddl", arrays)) return false;
     bool is_valid = true;
-    for (int i = 1; i < 8; i++) is_valid = is_valid && columns[i].count == columns->count;
+    for (int i = 1; i < 7; i++) is_valid = is_valid && columns[i].count == columns->count;
     if (!is_valid) refuse("expected columns of boxes with as many rows");
     for (Py_ssize_t i = 0; is_valid && i < columns->count; i++) {
         LidarBox box = {.x = doubles(columns)[i],
@@ -311,12 +294,11 @@ static bool cast_on_boxes(const Scan *scan, PyObject *object) {
                         .yaw = cos_sin(doubles(columns + 2)[i]),
                         .length = doubles(columns + 3)[i],
                         .width = doubles(columns + 4)[i],
-                        .foot = doubles(columns + 5)[i],
-                        .top = doubles(columns + 6)[i],
-                        .owner = ((const int64_t *)columns[7].data)[i]};
+                        .top = doubles(columns + 5)[i],
+                        .owner = ((const int64_t *)columns[6].data)[i]};
         is_valid = intersect_box(scan, &box);
     }
-    close_arrays(8, arrays);
+    close_arrays(7, arrays);
     return is_valid;
 }
 

@@ -3,7 +3,7 @@
 Everything is seen from the outside only: what encloses the sensor does not exist for it. Distances are horizontal.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -14,15 +14,7 @@ from mdrive_sumo.core.geometry import TAU, Bool, Float, Int, wrap_angles
 from mdrive_sumo.sensing.lidar_rays import LidarRays
 
 HitKeys = npt.NDArray[np.int64]
-"""Distance as the bits of a float32, which sort as the numbers do, behind it owner and face: the least wins."""
-MOST_OWNERS = 1 << 24
-FACE_STEPS = 126
-"""A side is seen at a level angle of incidence whose cosine is face / FACE_STEPS; whether up or down, the ray knows."""
-ROOF = 127
-"""Face of roofs and ground."""
-MIDDLE, MIDDLE_M = 128, 0.52
-"""Added to the face in the middle of a box's front and rear, where plates are: a band as wide as those of Europe
-(Commission Regulation (EU) No 1003/2010: 520 mm)."""
+"""Distance as the bits of a float32, which sort as the numbers do, and behind it the owner: the least one wins."""
 
 EDGE_SLACK = 1e-9
 """Share of a wall's length, and a direction [rad], by which walls are longer: neighbouring walls leave no gap."""
@@ -34,21 +26,15 @@ TOUCH_M = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class LidarBoxes:
-    """Boxes (N,) in the frame of the level sensor [m, rad]; feet and tops are heights above the sensor."""
+    """Boxes (N,) in the frame of the level sensor [m, rad]; tops are heights above the sensor."""
 
     x: Float
     y: Float
     yaw: Float
     length: Float
     width: Float
-    foot: Float
     top: Float
     owner: Int
-
-    def concat(self, others: "LidarBoxes") -> "LidarBoxes":
-        """Return these boxes and, behind them, the others."""
-        columns = [np.concatenate((getattr(self, one.name), getattr(others, one.name))) for one in fields(self)]
-        return LidarBoxes(*columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,36 +54,22 @@ class RayIntersections:
     column: Int
     near: Float
     far: Float
-    foot: Float
     top: Float
-    target: Int
-    """Owner and face as `mark` combines them."""
+    owner: Int
 
     def take(self, rows: Bool) -> "RayIntersections":
         """Some of them."""
-        return RayIntersections(
-            self.column[rows], self.near[rows], self.far[rows], self.foot[rows], self.top[rows], self.target[rows]
-        )
+        return RayIntersections(self.column[rows], self.near[rows], self.far[rows], self.top[rows], self.owner[rows])
 
 
-def mark(owner: Int, face: Int | int) -> Int:
-    """What is hit: owner in [0, MOST_OWNERS) and face in [0, 255]."""
-    return owner << 8 | face
+def pack_keys(distance: Float, owner: Int) -> HitKeys:
+    """Sortable pairs; distance >= 0."""
+    return distance.astype(np.float32).view(np.int32).astype(np.int64) << 32 | owner
 
 
-def pack_keys(distance: Float, target: Int) -> HitKeys:
-    """Sortable pairs; distance >= 0, targets as of `mark`."""
-    return distance.astype(np.float32).view(np.int32).astype(np.int64) << 32 | target
-
-
-def unpack_keys(key: HitKeys) -> tuple[npt.NDArray[np.float32], Int, Int]:
-    """Distances, owners and faces."""
-    return (key >> 32).astype(np.int32).view(np.float32), key >> 8 & MOST_OWNERS - 1, key & 0xFF
-
-
-def _find_face(cosine: Float) -> Int:
-    """Faces of sides whose normal and ray have these cosines, not negative, in the plane."""
-    return np.floor(np.where(cosine < 1.0, cosine, 1.0) * FACE_STEPS + 0.5).astype(np.int64)
+def unpack_keys(key: HitKeys) -> tuple[npt.NDArray[np.float32], Int]:
+    """Distances and owners."""
+    return (key >> 32).astype(np.int32).view(np.float32), key & 0xFFFFFFFF
 
 
 def expand_ranges(low: Int, count: Int) -> tuple[Int, Int]:
@@ -134,12 +106,8 @@ def intersect_boxes(rays: LidarRays, boxes: LidarBoxes) -> RayIntersections:
     in_y, out_y = _slab(own_y[which], step_y, boxes.width[which] / 2)
     near, far = np.maximum(in_x, in_y), np.minimum(out_x, out_y)
     met = (near <= far) & (far > 0) & ((near > 0) | (boxes.top[which] < 0))
-    which, near, is_end = which[met], np.maximum(near[met], 0.0), in_x[met] >= in_y[met]
-    aside = own_y[which] + near * step_y[met]
-    face = _find_face(np.where(is_end, abs(step_x[met]), abs(step_y[met])))
-    face = face + MIDDLE * (is_end & (abs(aside) <= MIDDLE_M / 2))
-    target = mark(boxes.owner[which], face)
-    return RayIntersections(column[met], near, far[met], boxes.foot[which], boxes.top[which], target)
+    which = which[met]
+    return RayIntersections(column[met], np.maximum(near[met], 0.0), far[met], boxes.top[which], boxes.owner[which])
 
 
 def _spans(boxes: LidarBoxes, cos: Float, sin: Float, over: Bool) -> tuple[Float, Float]:
@@ -158,8 +126,8 @@ def _slab(start: Float, step: Float, half: Float) -> tuple[Float, Float]:
     return middle - reach, middle + reach
 
 
-def intersect_walls(rays: LidarRays, walls: LidarWalls, height: float) -> RayIntersections:
-    """Where columns meet walls from outside; height: of the sensor [m]."""
+def intersect_walls(rays: LidarRays, walls: LidarWalls) -> RayIntersections:
+    """Where columns meet walls from outside."""
     x, y = walls.start.T
     along = walls.end - walls.start
     area = x * along[:, 1] - y * along[:, 0]
@@ -172,12 +140,10 @@ def intersect_walls(rays: LidarRays, walls: LidarWalls, height: float) -> RayInt
     turn = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]
     where = x[which] * across[:, 1] - y[which] * across[:, 0]
     met = (turn < 0) & (where <= -EDGE_SLACK * turn) & (where >= (1 + EDGE_SLACK) * turn)
-    which, turn = which[met], turn[met]
-    near = area[which] / turn
-    foot, top = np.full(len(near), -height), np.full(len(near), walls.top)
-    length = portable.hypot(along[met, 0], along[met, 1])
-    face = _find_face(-turn / np.maximum(length, 1e-300))  # a length may be so small that its square is 0
-    return RayIntersections(column[met], near, near, foot, top, mark(walls.owner[front[which]], face))
+    which = which[met]
+    near = area[which] / turn[met]
+    top = np.full(len(near), walls.top)
+    return RayIntersections(column[met], near, near, top, walls.owner[front[which]])
 
 
 @twin
@@ -187,44 +153,38 @@ def cast_rays(rays: LidarRays, boxes: LidarBoxes, walls: LidarWalls, height: flo
     height: of the sensor [m]; ground: what each ray hits without anything in its way. Walls are as high as each other
     and higher than all boxes, so that each hides whatever is behind it.
     """
-    wall, box = intersect_walls(rays, walls, height), intersect_boxes(rays, boxes)
+    wall, box = intersect_walls(rays, walls), intersect_boxes(rays, boxes)
     nearest = np.full(len(rays.azimuth), np.inf)
     np.minimum.at(nearest, wall.column, wall.near)
     best = ground.copy()
     for met in (wall, box):
         before = met.take(met.near <= nearest[met.column])
         if rays.shared:
-            _hit_by_columns(rays, before, best)
+            _hit_by_columns(rays, before, height, best)
         else:
             _hit_one_by_one(rays, before, best)
     return best
 
 
-def _hit_by_columns(rays: LidarRays, met: RayIntersections, best: HitKeys) -> None:
+def _hit_by_columns(rays: LidarRays, met: RayIntersections, height: float, best: HitKeys) -> None:
     """Channels between foot and top of a side hit it, channels between the top's near and far end hit the roof."""
     near, channels = np.maximum(met.near, TOUCH_M), len(rays.climb)
-    foot = np.searchsorted(rays.climb, met.foot / near)
+    foot = np.searchsorted(rays.climb, -height / near)
     edge = np.searchsorted(rays.climb, met.top / near, side="right")
     which, ray = expand_ranges(met.column * channels + foot, np.maximum(edge - foot, 0))
-    np.minimum.at(best, ray, pack_keys(near, met.target)[which])
+    np.minimum.at(best, ray, pack_keys(near, met.owner)[which])
     roofs = met.take(met.top < 0)
     low = edge[met.top < 0]
     end = np.searchsorted(rays.climb, roofs.top / roofs.far, side="right")
     which, ray = expand_ranges(roofs.column * channels + low, end - low)
     distance = roofs.top[which] / rays.climb[ray - roofs.column[which] * channels]
-    np.minimum.at(best, ray, pack_keys(distance, _put_on_roof(roofs.target[which])))
+    np.minimum.at(best, ray, pack_keys(distance, roofs.owner[which]))
 
 
 def _hit_one_by_one(rays: LidarRays, met: RayIntersections, best: HitKeys) -> None:
-    """Every column has one ray."""
+    """Every column has one ray; what it meets below the ground comes later than the ground."""
     climb = rays.climb[met.column]
-    rise = met.near * climb
-    side = np.flatnonzero((rise >= met.foot) & (rise <= met.top))
-    np.minimum.at(best, rays.order[met.column[side]], pack_keys(met.near[side], met.target[side]))
-    roof = np.flatnonzero((rise > met.top) & (met.far * climb <= met.top))
-    target = _put_on_roof(met.target[roof])
-    np.minimum.at(best, rays.order[met.column[roof]], pack_keys(met.top[roof] / climb[roof], target))
-
-
-def _put_on_roof(target: Int) -> Int:
-    return mark(target >> 8, ROOF)
+    side = np.flatnonzero(met.near * climb <= met.top)
+    np.minimum.at(best, rays.order[met.column[side]], pack_keys(met.near[side], met.owner[side]))
+    roof = np.flatnonzero((met.near * climb > met.top) & (met.far * climb <= met.top))
+    np.minimum.at(best, rays.order[met.column[roof]], pack_keys(met.top[roof] / climb[roof], met.owner[roof]))

@@ -11,26 +11,23 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import PointCloud, SensorSpec
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Int
-from mdrive_sumo.core.seeding import draw_first_uniform
+from mdrive_sumo.core.geometry import Bool, Int
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.sensing.lidar_cast import ROOF, HitKeys, cast_rays, mark, pack_keys
-from mdrive_sumo.sensing.lidar_rays import LidarRays, build_tilted_rays, build_upright_rays, compute_elevations
-from mdrive_sumo.sensing.lidar_reflectivity import ReflectivityDraws
-from mdrive_sumo.sensing.lidar_returns import DRY, NOTHING, RAIN, LidarOptics, build_points, compute_ground_strengths
+from mdrive_sumo.sensing.lidar_cast import HitKeys, cast_rays, pack_keys, unpack_keys
+from mdrive_sumo.sensing.lidar_rays import Float32, LidarRays, build_tilted_rays, build_upright_rays, compute_elevations
 from mdrive_sumo.sensing.lidar_world import (
     BUILDING_M,
     LidarPose,
+    assume_reflectivities,
     assume_vehicle_height,
     load_building_outlines,
     select_boxes,
-    select_furniture,
     select_walls,
 )
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
 from mdrive_sumo.sensing.sensor_options import MAX_EVERY_TICKS, check_option_names, read_choice, read_number, read_whole
-from mdrive_sumo.sensing.street_furniture import load_street_furniture
 
 CHANNELS = 64
 """With `RANGE_M` and `FIELD_DEG`, fixed by the paper's wrapper (docs/range-sensors.md)."""
@@ -38,6 +35,8 @@ RANGE_M = 85.0
 """[m] Of a clear day; weather shortens it."""
 FIELD_DEG = (-30.0, 10.0)
 """Elevation of the lowest and the highest channel."""
+ATTENUATION = 0.004
+"""Attenuation of intensity [1/m]: exp(-0.004 d), the formula and default of CARLA's ray-cast LiDAR."""
 ABOVE_ROOF_M = 1.0
 """Default height above the roof, at the box centre: 2.5 m on a car. The paper gives no pose."""
 
@@ -74,6 +73,8 @@ RAY_MS, EXTRA_RAY_MS, TILTED_RAY_MS = 2.0e-4, 0.7e-4, 1.0e-3
 """Price of a ray of a LiDAR that stands upright, the addition for names of hits, noise and dropout, and of a ray of one
 that leans [ms]; measured 4.7, 6.4 and 23 ms for the 25 024 rays of the default profile, see `price_sensor`."""
 
+NOTHING = 0xFFFFFFFF
+"""Owner of a ray that hits nothing; 0 is the ground, then come the boxes and the buildings."""
 NOISE, DROPOUT = 0, 1
 """Streams of random numbers."""
 
@@ -103,8 +104,8 @@ class LidarSensor:
     docs/range-sensors.md.
     """
 
-    def __init__(self, spec: SensorSpec, fitting: SensorSetup, optics: LidarOptics | None = None) -> None:
-        """optics: None takes those of the weather. Raises InputError."""
+    def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
+        """Raises InputError."""
         _check_rays(spec)
         check_option_names(spec, OPTIONS)
         self._profile = PROFILES[read_choice(spec, "profile", "default", PROFILES)]
@@ -117,24 +118,14 @@ class LidarSensor:
         self._rays = _rays(self._profile.columns, self._mount.roll, self._mount.pitch)
         self._range = RANGE_M * fitting.weather.lidar_range
         self._empty = _cast_on_ground(self._rays, self._mount.z, self._range)
-        is_wet = fitting.weather.name == "rain"
-        self._optics = optics or (RAIN if is_wet else DRY)
-        self._ground = compute_ground_strengths(self._rays, self._empty, self._optics)
-        self._furniture = load_street_furniture(fitting.roads)
-        self._still_names = (*(f"building:{one.id}" for one in fitting.roads.buildings), *self._furniture.names)
-        self._draws = ReflectivityDraws(fitting.roads, self._furniture, fitting.reflectivity_salt, is_wet)
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> PointCloud | None:
         """The scan of this tick, None in ticks without one."""
         if scene.tick % self._every_ticks:
             return None
-        place, boxes, roads = self._mount.to_world(eye), scene.boxes, self._fitting.roads
-        first_building = 1 + len(boxes.ids)
-        first_post = first_building + len(roads.buildings)
+        place, boxes = self._mount.to_world(eye), scene.boxes
         around = select_boxes(boxes, eye.carrier_row, place, self._range)
-        if self._furniture.names:
-            around = around.concat(select_furniture(self._furniture, place, self._range, first_post))
-        behind = select_walls(load_building_outlines(roads), place, self._range, first_building)
+        behind = select_walls(load_building_outlines(self._fitting.roads), place, self._range, 1 + len(boxes.ids))
         return self._cloud(scene, cast_rays(self._rays, around, behind, place.z, self._empty))
 
     def _cloud(self, scene: SensingFrame, keys: HitKeys) -> PointCloud:
@@ -144,9 +135,8 @@ class LidarSensor:
         if self._noise_m:
             noise = self._random(scene.tick, NOISE).standard_normal(len(keys), dtype=np.float32)
             noise_m = np.float32(self._noise_m) * noise
-        luck = int(draw_first_uniform(self._fitting.seed, "returns", scene.tick) * 2.0**53)
-        surfaces = self._draws.list_by_owner(scene.boxes), self._optics, self._mount.z
-        points, owner = build_points(self._rays, keys, self._ground, *surfaces, luck, kept, noise_m)
+        reflectivity = assume_reflectivities(scene.boxes, len(self._fitting.roads.buildings))
+        points, owner = build_points(self._rays, keys, kept, noise_m, reflectivity)
         hits, names = self._name_hits(scene, owner) if self._names else (np.zeros(0, dtype=np.int32), ())
         return PointCloud(points, hits, names)
 
@@ -159,17 +149,40 @@ class LidarSensor:
 
         Any other order would follow the scenario file.
         """
-        boxes, still = scene.boxes.ids, self._still_names
-        count = np.bincount(owner, minlength=1 + len(boxes) + len(still))
+        boxes, buildings = scene.boxes.ids, self._fitting.roads.buildings
+        count = np.bincount(owner, minlength=1 + len(boxes) + len(buildings))
         carrier, salt = self._fitting.carrier, self._fitting.track_salt
         number_by_name = {
-            derive_track_name(carrier, boxes[i - 1], salt) if i <= len(boxes) else still[i - 1 - len(boxes)]: i
+            derive_track_name(carrier, boxes[i - 1], salt)
+            if i <= len(boxes)
+            else f"building:{buildings[i - 1 - len(boxes)].id}": i
             for i in (1 + np.flatnonzero(count[1:])).tolist()
         }
         names = tuple(sorted(number_by_name))
         index = np.full(len(count), -1, dtype=np.int32)
         index[[number_by_name[name] for name in names]] = np.arange(len(names))
         return index[owner], names
+
+
+@twin
+def build_points(
+    rays: LidarRays, keys: HitKeys, kept: Bool, noise_m: Float32, reflectivity: Float32, /
+) -> tuple[Float32, Int]:
+    """Return the points (N, 4) of a scan as in `PointCloud`, and what each lies on (N,).
+
+    keys: hits (rays,). kept: (rays,) mask of the rays that do not drop out, or empty. noise_m: (rays,) errors of
+    distance [m], or empty. reflectivity: by owner.
+    """
+    across, owner = unpack_keys(keys)
+    distance, hit = across * rays.stretch, owner != NOTHING
+    if len(noise_m):
+        distance = np.maximum(distance + noise_m, np.float32(0))
+    rows = np.flatnonzero(hit & kept if len(kept) else hit)
+    distance, owner = distance[rows], owner[rows]
+    points = np.empty((len(rows), 4), dtype=np.float32)
+    np.multiply(rays.local[rows], distance[:, None], out=points[:, :3])
+    np.multiply(reflectivity[owner], portable.exp(np.float32(-ATTENUATION) * distance), out=points[:, 3])
+    return points, owner
 
 
 def price_lidar(spec: SensorSpec) -> float:
@@ -193,9 +206,7 @@ def _cast_on_ground(rays: LidarRays, height: float, reach: float) -> HitKeys:
     """Return the hits of the rays on empty ground."""
     ground = height / np.maximum(-rays.slope, 1e-9)
     limit = reach / rays.stretch.astype(np.float64)
-    return np.where(
-        ground <= limit, pack_keys(ground, mark(np.array(0), ROOF)), pack_keys(limit, mark(np.array(NOTHING), 0))
-    )
+    return np.where(ground <= limit, pack_keys(ground, np.array(0)), pack_keys(limit, np.array(NOTHING)))
 
 
 @lru_cache(maxsize=8)

@@ -1,4 +1,4 @@
-"""Targets of a LiDAR, with assumed heights, which SUMO's flat world lacks."""
+"""Targets of a LiDAR, with assumed heights and reflectivities, which SUMO's flat world lacks."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,7 +13,6 @@ from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.lidar_cast import LidarBoxes, LidarWalls
-from mdrive_sumo.sensing.street_furniture import StreetFurniture
 
 VAN_LENGTH_M, TRUCK_LENGTH_M = 5.5, 7.5
 """From these lengths on, a vehicle is as high as a van, and as a truck or bus."""
@@ -23,6 +22,11 @@ HEIGHT_OF_KIND_M = np.array((CAR_M, 1.75, 1.75, 1.0))
 """Assumed heights [m] by `Kind`: car, pedestrian, cyclist, static obstacle."""
 BUILDING_M = 10.0
 """[m] Higher than every mount of a LiDAR and every vehicle: a wall hides all that is behind it (`lidar_cast`)."""
+
+GROUND_REFLECTIVITY, BUILDING_REFLECTIVITY = 0.2, 0.5
+"""Assumptions: asphalt is dark, facades are between it and car paint."""
+REFLECTIVITY_OF_KIND = np.array((0.8, 0.4, 0.5, 0.6))
+"""Assumed reflectivities by `Kind`: a vehicle reflects most. SUMO has no materials."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,31 +83,15 @@ def load_building_outlines(roads: RoadMap) -> BuildingOutlines:
 
 def select_boxes(boxes: Objects, without: int | None, place: LidarPose, reach: float) -> LidarBoxes:
     """Boxes whose centre is within `reach` [m] beside their size; owners are 1 + row."""
-    close = _find_close(boxes, place, reach)
+    xy = place.to_local(np.stack((boxes.x, boxes.y), axis=-1))
+    close = portable.hypot(xy[:, 0], xy[:, 1]) < reach + boxes.length + boxes.width
     if without is not None:
-        close = close[close != without]
-    top = assume_heights(boxes.kind[close], boxes.length[close])
-    return _place_boxes(boxes, close, place, np.zeros(len(close)), top, 1)
-
-
-def select_furniture(of: StreetFurniture, place: LidarPose, reach: float, first_owner: int) -> LidarBoxes:
-    """Poles, signs and traffic lights within `reach` [m]; owners are `first_owner` + row."""
-    close = _find_close(of, place, reach)
-    return _place_boxes(of, close, place, of.foot[close], of.top[close], first_owner)
-
-
-def _find_close(boxes: Objects | StreetFurniture, place: LidarPose, reach: float) -> Int:
-    away = portable.hypot(boxes.x - place.x, boxes.y - place.y)
-    return np.flatnonzero(away < reach + boxes.length + boxes.width)
-
-
-def _place_boxes(
-    boxes: Objects | StreetFurniture, rows: Int, place: LidarPose, foot: Float, top: Float, first_owner: int
-) -> LidarBoxes:
-    """Return rows of boxes in the frame of the level sensor; foot, top: heights [m] above the ground."""
-    x, y = place.to_local(np.stack((boxes.x[rows], boxes.y[rows]), axis=-1)).T
-    yaw, length, width = boxes.yaw[rows] - place.yaw, boxes.length[rows], boxes.width[rows]
-    return LidarBoxes(x, y, yaw, length, width, foot - place.z, top - place.z, rows + first_owner)
+        close[without] = False
+    rows = np.flatnonzero(close)
+    length = boxes.length[rows]
+    top = assume_heights(boxes.kind[rows], length) - place.z
+    x, y = xy[rows].T
+    return LidarBoxes(x, y, boxes.yaw[rows] - place.yaw, length, boxes.width[rows], top, rows + 1)
 
 
 def select_walls(of: BuildingOutlines, place: LidarPose, reach: float, first_owner: int) -> LidarWalls:
@@ -113,3 +101,10 @@ def select_walls(of: BuildingOutlines, place: LidarPose, reach: float, first_own
     foot = np.clip(-(start * along).sum(1) / np.maximum((along * along).sum(1), 1e-12), 0, 1)[:, None]
     close = portable.square(start + foot * along).sum(1) <= reach * reach
     return LidarWalls(start[close], end[close], BUILDING_M - place.z, of.building[close] + first_owner)
+
+
+def assume_reflectivities(boxes: Objects, buildings: int) -> npt.NDArray[np.float32]:
+    """By owner: the ground, the boxes, the buildings."""
+    of_boxes = REFLECTIVITY_OF_KIND[boxes.kind]
+    values = np.concatenate(((GROUND_REFLECTIVITY,), of_boxes, np.full(buildings, BUILDING_REFLECTIVITY)))
+    return values.astype(np.float32)

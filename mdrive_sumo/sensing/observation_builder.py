@@ -126,10 +126,7 @@ class _Carrier:
         for spec in specs:
             seed = derive_seed(common.seed, "sensor", ego, spec.kind, spec.id)
             standard = common.sensing.standard_detector
-            reflects = derive_seed(common.seed, "reflectivity")
-            is_realistic = common.sensing is SensingProfile.REALISTIC
-            static = common.roads, common.weather, briefing
-            setup = SensorSetup(ego, seed, *static, salt, standard, reflects, is_realistic, self._look)
+            setup = SensorSetup(ego, seed, common.roads, common.weather, briefing, salt, standard, self._look)
             self._add(find_kind(spec), spec, setup)
         # The ideal detector reaches as far as the sensor that draws the farthest.
         drawn_m = max((spec.range_m for spec in specs if SENSOR_KINDS[spec.kind].draws_ideal_sight), default=None)

@@ -91,10 +91,6 @@ class SensorSetup:
     """Salt of the track names of this carrier in this episode; the same for all its sensors."""
     standard_detector: str = IDEAL
     """The detector profile that `standard` stands for."""
-    reflectivity_salt: int = 0
-    """Salt of what things reflect in this episode; the same for all sensors, as a thing reflects the same to all."""
-    has_image_errors: bool = False
-    """Whether images are noisy and darker in their corners unless an agent declares otherwise."""
     look: Callable[[SensingFrame, SensorPose], Objects] = lambda _scene, _eye: Objects.empty()
     """What an ideal detector of the carrier sees, for sensors that draw it; by default nothing."""
 

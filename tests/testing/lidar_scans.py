@@ -10,8 +10,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
-from mdrive_sumo.scenario.weather import WEATHERS, WeatherName
-from mdrive_sumo.sensing.lidar_returns import LidarOptics
+from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.sensing.lidar_sensor import LidarSensor
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 from testing.worlds import straight_road
@@ -19,8 +18,6 @@ from testing.worlds import straight_road
 CAR = VehicleFacts(4.9, 2.1, 2.85, 1.4, 1700.0, 1.2, 50.0, 3.0, 8.0)
 ELEVATION = np.radians(np.linspace(-30.0, 10.0, 64))
 COLUMNS = 391
-CLEAN = LidarOptics(0.004, 0.0, 0.0, 0)
-"""Of tests of the geometry: every hit gives a point."""
 OWN = (Kind.VEHICLE, 0.0, 0.0, 0.0, 4.9, 2.1)
 
 Box = tuple[Kind, float, float, float, float, float]
@@ -36,14 +33,8 @@ def height_of(box: Box) -> float:
     return 1.0 if kind == Kind.STATIC else 1.75
 
 
-def bare_road(length: float = 300.0) -> RoadMap:
-    """A road without street lamps and trees, as there are none in junctions."""
-    roads = straight_road(length)
-    return replace(roads, lanes={name: replace(lane, junction=True) for name, lane in roads.lanes.items()})
-
-
 def town(*rings: Ring) -> RoadMap:
-    return replace(bare_road(), buildings=tuple(Building(id=f"h{i}", polygon=r) for i, r in enumerate(rings)))
+    return replace(straight_road(), buildings=tuple(Building(id=f"h{i}", polygon=r) for i, r in enumerate(rings)))
 
 
 def make_briefing(vehicle: VehicleFacts = CAR) -> Briefing:
@@ -52,18 +43,9 @@ def make_briefing(vehicle: VehicleFacts = CAR) -> Briefing:
     return Briefing("a", 0, 0.05, 30.0, vehicle, xy, zero, np.arange(2.0), zero + 3.5, zero + 10.0)
 
 
-def sensor(
-    roads: RoadMap | None = None,
-    weather: WeatherName = "default",
-    seed: int = 5,
-    *,
-    optics: LidarOptics | None = CLEAN,
-    salt: int = 0,
-    **options: Option,
-) -> LidarSensor:
-    """optics: None takes those of the weather."""
-    setup = SensorSetup("a", seed, roads or town(), WEATHERS[weather], make_briefing(), reflectivity_salt=salt)
-    return LidarSensor(SensorSpec("lidar", "top", options=options), setup, optics)
+def sensor(roads: RoadMap | None = None, weather: str = "default", seed: int = 5, **options: Option) -> LidarSensor:
+    fitting = SensorSetup("a", seed, roads or town(), WEATHERS[weather], make_briefing())
+    return LidarSensor(SensorSpec("lidar", "top", options=options), fitting)
 
 
 def scene(*boxes: Box, tick: int = 0) -> SensingFrame:

@@ -18,8 +18,7 @@
     USE(real2sim_tracks_bounded_trajectory) \
     USE(roads_lane_search) \
     USE(scoring_criteria) USE(scoring_metrics_collisions) USE(scoring_metrics_min_pet) USE(scoring_metrics_min_ttc) \
-    USE(sensing_camera_edge_smoothing) USE(sensing_camera_image_errors) \
-    USE(sensing_lidar_cast) USE(sensing_lidar_returns) USE(sensing_link_classes) USE(sensing_localization) USE(sensing_objects_sensor) \
+    USE(sensing_lidar_cast) USE(sensing_lidar_sensor) USE(sensing_link_classes) USE(sensing_localization) USE(sensing_objects_sensor) \
     USE(sensing_polygon_fill) USE(sensing_visibility) USE(sumo_conflict) USE(sumo_ghost_placement) \
     USE(sumo_sumo_frames) USE(v2x_awareness_service) USE(v2x_channel) USE(v2x_encoding) USE(v2x_mcm_encoding) \
     USE(v2x_radio_channel_load) USE(v2x_radio_radio_medium) USE(v2x_radio_received_power) \

@@ -15,10 +15,9 @@ from mdrive_sumo.report.render.frame_painter import FramePainter
 from mdrive_sumo.report.render.rendered_episode import RenderedEpisode
 from mdrive_sumo.report.render.top_view_painter import build_route_layers
 from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraMount, ImageKind
-from mdrive_sumo.sensing.camera.camera_renderer import load_renderer
+from mdrive_sumo.sensing.camera.camera_renderer import Picture, load_renderer
 from mdrive_sumo.sensing.camera.instances import SceneInstances, load_instances
 from mdrive_sumo.sensing.camera.lighting import LIGHT_OF_WEATHER, LIGHTS
-from mdrive_sumo.sensing.camera.picture import Picture
 from mdrive_sumo.sensing.camera.static_scene import load_static_scene
 from mdrive_sumo.sensing.observation_builder import build_sensing_frame
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
@@ -87,9 +86,7 @@ class PerspectivePainter(FramePainter):
         static = load_static_scene(self.episode.roads)
         heading = np.array((math.cos(pose[2]), math.sin(pose[2])))
         instances = load_instances(scene, static)
-        return Picture(
-            model, model.find_view(*pose), static, instances, self._light, heading, np.array(pose[:2]), without
-        )
+        return Picture(model, model.find_view(*pose), static, instances, self._light, heading, without)
 
     def _build_scene(self, tick: int) -> SensingFrame:
         """Return the recorded frame of a tick, with the lamps that shine after the ticks before it."""

@@ -8,7 +8,6 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, build_polyline
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
 from mdrive_sumo.roads.drawing.lane_markings import LaneMarkings, compute_lane_markings
@@ -95,14 +94,14 @@ def _build_map_geometry(roads: RoadMap, wkb: bytes) -> MapGeometry:
         asphalt=_list_polygons([asphalt]),
         stripes=tuple(clip_stripes(_build_stripes(roads, area, lanes), shapely.union(asphalt, drivable))),
         markings=compute_lane_markings([lane for lane in lanes if not lane.junction], bare.buffer(-INSIDE_M), asphalt),
-        stop_signs=tuple(list_stop_signs(roads, lanes)),
+        stop_signs=tuple(_build_stop_signs(roads, lanes)),
         light_stops=tuple(StopMark(_cross(lane, lane.centre.length), None) for lane in lanes if lane.lights),
         buildings=tuple(shape for shape in roads.building_shapes if area.intersects(shape)),
     )
 
 
-def list_signal_heads(roads: RoadMap, area: BaseGeometry | None = None) -> list[SignalHead]:
-    """Return the traffic lights of all lanes that end in an area, or anywhere."""
+def list_signal_heads(roads: RoadMap, area: BaseGeometry) -> list[SignalHead]:
+    """Return the traffic lights of all lanes that end in an area."""
     return [
         SignalHead(
             lane.centre.xy[-1],
@@ -111,7 +110,7 @@ def list_signal_heads(roads: RoadMap, area: BaseGeometry | None = None) -> list[
             tuple(dict.fromkeys(lane.lights.values())),
         )
         for lane in roads.driving
-        if lane.lights and (area is None or shapely.intersects(area, shapely.Point(lane.centre.xy[-1])))
+        if lane.lights and shapely.intersects(area, shapely.Point(lane.centre.xy[-1]))
     ]
 
 
@@ -167,8 +166,7 @@ def _build_stripes(roads: RoadMap, area: BaseGeometry, lanes: Sequence[Lane]) ->
     ]
 
 
-def list_stop_signs(roads: RoadMap, lanes: Sequence[Lane]) -> Iterator[StopMark]:
-    """Yield stop line and sign of every stop sign of these lanes, in portable digits, for LiDARs see the sign."""
+def _build_stop_signs(roads: RoadMap, lanes: Sequence[Lane]) -> Iterator[StopMark]:
     near = {lane.id for lane in lanes}
     signs = [sign for sign in roads.stop_signs or () if sign.lane in near]
     signed = {sign.lane for sign in signs}
@@ -178,14 +176,14 @@ def list_stop_signs(roads: RoadMap, lanes: Sequence[Lane]) -> Iterator[StopMark]
 
 def _build_stop_mark(lane: Lane, sign: StopSignBox, is_outer: bool) -> StopMark:
     line = _cross(lane, sign.line_pos_m)
-    outward = (line[1] - line[0]) / portable.hypot(*(line[1] - line[0]).tolist())
+    outward = (line[1] - line[0]) / np.hypot(*(line[1] - line[0]))
     return StopMark(line, line[1] + outward * SIGN_OFFSET_M if is_outer else None)
 
 
 def _cross(lane: Lane, s: float) -> Float:
     """Return the line (2, 2) [m] across a lane from left to right."""
-    cos, sin = portable.cos_sin(lane.centre.yaw_at(max(s - 0.1, 0.0)))
-    right = np.array((sin, -cos)) * max(lane.width / 2 - 0.2, 0.1)
+    yaw = lane.centre.yaw_at(max(s - 0.1, 0.0))
+    right = np.array((np.sin(yaw), -np.cos(yaw))) * max(lane.width / 2 - 0.2, 0.1)
     centre = np.array(lane.centre.at(s))
     return np.array((centre - right, centre + right))
 

@@ -9,29 +9,24 @@ import numpy.typing as npt
 from mdrive_sumo.contract import CameraImage, SensorSpec
 from mdrive_sumo.core import portable
 from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraMount, CameraView, ImageKind
-from mdrive_sumo.sensing.camera.image_errors import ImageErrors
 from mdrive_sumo.sensing.camera.lighting import LIGHT_OF_WEATHER, LIGHTS
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
 from mdrive_sumo.sensing.sensor_options import MAX_EVERY_TICKS, check_option_names, read_choice, read_number, read_whole
 
 OPTIONS = (
     *("kind", "width", "height", "fov_deg", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg", "every_ticks"),
-    *("light", "exposure", "noise", "vignetting", "motion_blur_s"),
+    *("light", "exposure", "noise", "motion_blur_s"),
 )
 MAX_SIDE_PX = 3000
 """The widest image of the paper's rigs."""
 SCENARIO_LIGHT = "scenario"
 """The light of the scenario's weather."""
-VIGNETTING = 0.25
-"""Share of the light that is missing in the corners where sensing is realistic: lenses for cars keep about that much or
-more of it by design, without a standard for how much; an assumption."""
 BLUR_STEPS = 4
 """Pictures of which a blurred one is the mean."""
 CAMERA_MS, CAMERA_PIXEL_MS = 1.2, 2.7e-5
 """Price of an image, and of each of its pixels [ms], drawn by Mesa's software renderer on one core; measured 1.9 ms for
 400 x 224 pixels and 4.4 ms for 900 x 256, on a machine that is 1.1 to 1.7 times as fast as that of the prices of other
-sensors (`sensor_kinds.price_sensor`). Since then images have got shadows, lamps and smooth edges and take 1.3 to 1.7
-times as long (docs/cameras.md); the price has not followed, since rigs are chosen by it."""
+sensors (`sensor_kinds.price_sensor`)."""
 LABELLED_IMAGES = (ImageKind.SEMANTIC.value, ImageKind.INSTANCE.value)
 """Kinds of images that say what each pixel shows."""
 
@@ -49,10 +44,7 @@ class CameraSensor:
         light = read_choice(spec, "light", SCENARIO_LIGHT, (SCENARIO_LIGHT, *LIGHTS))
         self._light = LIGHTS[LIGHT_OF_WEATHER[fitting.weather.name] if light == SCENARIO_LIGHT else light]
         self._exposure = read_number(spec, "exposure", 1.0, 0.1, 10.0)
-        noise, vignetting = (self._light.noise, VIGNETTING) if fitting.has_image_errors else (0.0, 0.0)
-        self._errors = ImageErrors(
-            read_number(spec, "noise", noise, 0.0, 0.5), read_number(spec, "vignetting", vignetting, 0.0, 0.9)
-        )
+        self._noise = read_number(spec, "noise", 0.0, 0.0, 0.5)
         self._blur_s = read_number(spec, "motion_blur_s", 0.0, 0.0, 0.05)
         self._fitting = fitting
         self._renderer = load_renderer()
@@ -61,18 +53,16 @@ class CameraSensor:
         """Return the image of this tick, None in ticks without one."""
         if scene.tick % self._every_ticks:
             return None
+        from mdrive_sumo.sensing.camera.camera_renderer import Picture
         from mdrive_sumo.sensing.camera.instances import load_instances
-        from mdrive_sumo.sensing.camera.picture import Picture
         from mdrive_sumo.sensing.camera.static_scene import load_static_scene
 
         static = load_static_scene(self._fitting.roads)
         instances = load_instances(scene, static)
-        heading, middle = np.array(portable.cos_sin(eye.yaw)), np.array((eye.x, eye.y))
+        heading = np.array(portable.cos_sin(eye.yaw))
         without, light, exposure = eye.carrier_row, self._light, self._exposure
         pictures = [
-            self._renderer.draw(
-                Picture(self._model, view, static, instances, light, heading, middle, without, exposure)
-            )
+            self._renderer.draw(Picture(self._model, view, static, instances, light, heading, without, exposure))
             for view in self._list_views(scene, eye)
         ]
         return self._finish(scene, self._spoil(scene.tick, pictures))
@@ -92,11 +82,14 @@ class CameraSensor:
         ]
 
     def _spoil(self, tick: int, pictures: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
-        """Return the mean of the pictures, in colours with the errors of the camera."""
-        image = pictures[0]
-        if len(pictures) > 1:
-            image = np.floor(np.mean(np.stack(pictures), axis=0, dtype=np.float32) + 0.5).astype(np.uint8)
-        return self._errors.spoil(image, self._fitting.seed, tick) if self._model.kind is ImageKind.RGB else image
+        """Return the mean of the pictures, with noise if it is declared; both in colours only."""
+        if self._model.kind is not ImageKind.RGB or (len(pictures) == 1 and not self._noise):
+            return pictures[0]
+        mean = np.mean(pictures, axis=0, dtype=np.float32)
+        if self._noise:
+            random = np.random.Generator(np.random.Philox(key=self._fitting.seed, counter=(0, 0, 0, tick)))
+            mean += np.float32(255 * self._noise) * random.standard_normal(mean.shape, dtype=np.float32)
+        return np.clip(mean + np.float32(0.5), 0, 255).astype(np.uint8)
 
     def _finish(self, scene: SensingFrame, pixels: npt.NDArray[Any]) -> CameraImage:
         model = self._model

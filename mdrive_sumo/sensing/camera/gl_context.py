@@ -58,17 +58,3 @@ class RecentObjects(Generic[Key]):
                 self._found.popitem(last=False)
         self._found.move_to_end(key)
         return self._found[key]
-
-
-class GrowingBuffer:
-    """A buffer that is written anew for each image."""
-
-    def __init__(self, context: Any) -> None:
-        self._context, self._buffer = context, context.buffer(reserve=16384, dynamic=True)
-
-    def write(self, content: bytes) -> Any:
-        if len(content) > self._buffer.size:
-            self._buffer = self._context.buffer(reserve=2 * len(content), dynamic=True)
-        self._buffer.orphan()
-        self._buffer.write(content)
-        return self._buffer

@@ -8,7 +8,6 @@ from hashlib import blake2b
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.contract import Objects
 from mdrive_sumo.contract.sensors import SemanticClass
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.sensing.camera.meshes import (
@@ -26,20 +25,12 @@ from mdrive_sumo.sensing.lidar_world import assume_heights
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
 
 INSTANCE = np.dtype(
-    [
-        *(("place", "<f4", 3), ("turn", "<f4", 2), ("size", "<f4", 3), ("paint", "u1", 4), ("tag", "<u4")),
-        *(("lamps", "<u4"), ("shade", "u1", 4)),
-    ]
+    [("place", "<f4", 3), ("turn", "<f4", 2), ("size", "<f4", 3), ("paint", "u1", 4), ("tag", "<u4"), ("lamps", "<u4")]
 )
 """A model in the world: its lowest middle point [m] relative to the scene's origin, cosine and sine of its yaw, length,
-width and height [m], colour, 1 + row of the road user (0 for others), the `SignalLamp`s that shine. In `shade`, of 255:
-how much of the sun is hidden from it and how much light of street lamps it gets (`LightMapPainter.shade`), the phase of
-its steps (0: it stands), padding."""
-INSTANCE_FORMAT = "3f4 2f4 3f4 4f1 2u4 4f1 /i"
-INSTANCE_NAMES = ("place", "turn", "size", "paint", "tag", "shade")
+width and height [m], colour, 1 + row of the road user (0 for others), and the `SignalLamp`s that shine."""
+INSTANCE_FORMAT = "3f4 2f4 3f4 4f1 2u4 /i"
 Instances = npt.NDArray[np.void]
-STRIDE_M, WALKING_MPS = 1.4, 0.3
-"""[m] Way of two steps, a usual length, and [m/s] speed from which people's limbs move."""
 PAINTS: tuple[Colour, ...] = (
     *((225, 226, 228), (42, 44, 48), (128, 132, 136), (168, 172, 176), (150, 28, 32), (36, 72, 132)),
     *((62, 88, 66), (196, 178, 140), (88, 60, 46), (214, 150, 40), (70, 116, 160), (104, 40, 66)),
@@ -120,15 +111,8 @@ def _build_road_users(scene: SensingFrame, origin: Float) -> Instances:
     every["size"] = np.stack((boxes.length, boxes.width, assume_heights(boxes.kind, boxes.length)), axis=-1)
     every["paint"][:, :3] = np.array([choose_paint(name) for name in boxes.ids]).reshape(-1, 3)
     every["tag"] = 1 + np.arange(len(boxes))
-    every["shade"][:, 2] = _find_phases(boxes, scene.directions)
     every["lamps"] = [scene.signal_lamps.get(name, 0) for name in boxes.ids]
     return every
-
-
-def _find_phases(boxes: Objects, directions: tuple[Float, Float]) -> Int:
-    """Return the phase of people's steps (N,), 1 to 255, which follows from the way they went; 0: standing."""
-    share = (boxes.x * directions[0] + boxes.y * directions[1]) / STRIDE_M
-    return np.where(boxes.speed > WALKING_MPS, 1 + np.floor((share - np.floor(share)) * 255.0).astype(np.int64), 0)
 
 
 @lru_cache(maxsize=4096)

@@ -1,6 +1,5 @@
 """Light of a rendered scene: colours of sky, sun and fog by time of day and weather. Chosen by eye; no photometry."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -27,16 +26,6 @@ class Lighting:
     """How much darker wet ground is, a share."""
     elevation: float = 0.62
     """Vertical part of the unit vector to the sun."""
-    noise: float = 0.008
-    """Standard deviation of an image's values where sensing is realistic, as a share of 255; chosen, no sensor."""
-    street: float = 0.0
-    """Brightness of the ground below a street lamp."""
-
-    @property
-    def to_sun(self) -> Rgb:
-        """Unit vector to the sun, in the world."""
-        level = math.sqrt(1.0 - self.elevation * self.elevation)
-        return 0.6 * level, -0.8 * level, self.elevation
 
 
 LIGHTS: Mapping[str, Lighting] = MappingProxyType(
@@ -44,27 +33,9 @@ LIGHTS: Mapping[str, Lighting] = MappingProxyType(
         "day": Lighting((0.33, 0.53, 0.83), (0.76, 0.84, 0.92), (0.62, 0.60, 0.54), (0.48, 0.50, 0.54), 0.0007),
         "cloudy": Lighting((0.58, 0.63, 0.68), (0.76, 0.79, 0.81), (0.22, 0.22, 0.22), (0.66, 0.67, 0.69), 0.0015),
         "dusk": Lighting(
-            (0.22, 0.27, 0.45),
-            (0.86, 0.58, 0.40),
-            (0.55, 0.36, 0.20),
-            (0.33, 0.31, 0.36),
-            0.0015,
-            True,
-            0.0,
-            0.18,
-            0.012,
-            0.3,
+            (0.22, 0.27, 0.45), (0.86, 0.58, 0.40), (0.55, 0.36, 0.20), (0.33, 0.31, 0.36), 0.0015, True, 0.0, 0.18
         ),
-        "night": Lighting(
-            (0.01, 0.015, 0.03),
-            (0.03, 0.035, 0.05),
-            (0.0, 0.0, 0.0),
-            (0.10, 0.10, 0.13),
-            0.002,
-            True,
-            noise=0.025,
-            street=0.6,
-        ),
+        "night": Lighting((0.01, 0.015, 0.03), (0.03, 0.035, 0.05), (0.0, 0.0, 0.0), (0.10, 0.10, 0.13), 0.002, True),
         "rain": Lighting(
             (0.48, 0.52, 0.56), (0.60, 0.63, 0.66), (0.08, 0.08, 0.08), (0.58, 0.59, 0.61), 0.008, True, 0.3
         ),

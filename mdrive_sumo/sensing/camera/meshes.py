@@ -15,9 +15,9 @@ from mdrive_sumo.core.geometry import Float
 
 VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 4), ("kind", "u1", 4)])
 """A corner of a triangle: position [m], unit normal, RGB and padding, and semantic class, material, layer of the ground
-(0 for solids, 1 for the topmost), and the limb that it belongs to (0: none)."""
-VERTEX_FORMAT, VERTEX_NAMES = "3f4 3f4 4f1 4u1", ("position", "normal", "colour", "kind")
-"""The same for moderngl and for shaders."""
+(0 for solids, 1 for the topmost), padding."""
+VERTEX_FORMAT = "3f4 3f4 4f1 4u1"
+"""The same for moderngl."""
 Mesh: TypeAlias = npt.NDArray[np.void]
 """(3 T,) of `VERTEX`: T triangles, counter-clockwise from outside."""
 Colour: TypeAlias = tuple[int, int, int]
@@ -44,9 +44,6 @@ class Material(IntEnum):
     """Red and white, as on barriers."""
     LEFT_INDICATOR = 9
     RIGHT_INDICATOR = 10
-    SMOOTH = 11
-    """Markings and kerbs."""
-    STREET_LAMP = 12
 
 
 class Surface(IntEnum):
@@ -55,17 +52,13 @@ class Surface(IntEnum):
     FACADE = 0
     STRIPES = 1
     PLAIN = 2
-    SMOOTH = 3
-    ROUGH = 4
+    ROUGH = 3
 
 
-FIRST_GROUND = Surface.SMOOTH
-"""Surfaces from that on lie on the ground."""
 SURFACE_OF_MATERIAL = {
     **dict.fromkeys(Material, Surface.PLAIN),
     Material.FACADE: Surface.FACADE,
     Material.STRIPES: Surface.STRIPES,
-    Material.SMOOTH: Surface.SMOOTH,
     Material.ROUGH: Surface.ROUGH,
 }
 

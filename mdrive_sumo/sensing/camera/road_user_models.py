@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mdrive_sumo.contract.sensors import SemanticClass
-from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.core.geometry import Int
 from mdrive_sumo.core.state import Kind, RoadUsers
 from mdrive_sumo.sensing.camera.meshes import (
     Colour,
@@ -19,7 +19,6 @@ from mdrive_sumo.sensing.camera.meshes import (
     Material,
     Mesh,
     build_block,
-    build_frustum,
     build_mesh,
     build_wheel,
     join_meshes,
@@ -40,8 +39,6 @@ from mdrive_sumo.sensing.lidar_world import TRUCK_LENGTH_M, VAN_LENGTH_M
 
 SKIN: Colour = (196, 148, 120)
 TROUSERS: Colour = (52, 58, 82)
-HAIR: Colour = (58, 44, 36)
-SHOES: Colour = (40, 36, 34)
 MOTORCYCLE_WIDTH_M, MOTORCYCLE_LENGTH_M = 1.2, 2.8
 """Vehicles below both are motorcycles."""
 BUS_LENGTH_M, TRAILER_LENGTH_M = 10.0, 14.5
@@ -102,49 +99,21 @@ def _build_two_wheeler(radius: float, frame: float, rider_half: float) -> Mesh:
     return join_meshes([*wheels, *lamps, beam, bar, *_rider(-0.15, 0.85, 1.75, rider_half)])
 
 
-class Limb(IntEnum):
-    """What moves when a person walks; the numbers are those of the shaders, 0 is the rest of a body."""
-
-    LEFT_LEG = 1
-    RIGHT_LEG = 2
-    LEFT_ARM = 3
-    RIGHT_ARM = 4
-
-
-def _build_limb(
-    limb: Limb, low: tuple[float, float, float], high: tuple[float, float, float], middle_y: float
-) -> tuple[Limb, Float]:
-    """Return a limb from its lower end (height, half its depth, half its width) to its upper end [m]."""
-    (z0, x0, y0), (z1, x1, y1) = low, high
-    y = middle_y
-    return limb, build_frustum(((-x0, y - y0, z0), (x0, y + y0, z0)), ((-x1, y - y1, z1), (x1, y + y1, z1)))
-
-
 def _build_pedestrian() -> tuple[Mesh, Corner]:
-    """Return a standing person, whose limbs the shaders move."""
     size = (0.6, 0.6, 1.75)
     person = SemanticClass.PEDESTRIAN
-    torso = [
-        build_frustum(((-0.12, -0.17, 0.84), (0.12, 0.17, 0.84)), ((-0.11, -0.16, 1.08), (0.11, 0.16, 1.08))),
-        build_frustum(((-0.11, -0.16, 1.08), (0.11, 0.16, 1.08)), ((-0.12, -0.22, 1.42), (0.12, 0.22, 1.42))),
-        build_frustum(((-0.12, -0.22, 1.42), (0.12, 0.22, 1.42)), ((-0.06, -0.09, 1.5), (0.06, 0.09, 1.5))),
+    legs = [
+        build_block((-0.12 + shift, low, 0.0), (0.12 + shift, low + 0.17, 0.85))
+        for low, shift in ((-0.2, 0.18), (0.03, -0.18))
     ]
-    head = build_frustum(((-0.08, -0.07, 1.47), (0.09, 0.07, 1.47)), ((-0.1, -0.085, 1.66), (0.1, 0.085, 1.66)))
-    hair = build_frustum(((-0.115, -0.09, 1.62), (0.09, 0.09, 1.62)), ((-0.08, -0.07, 1.75), (0.06, 0.07, 1.75)))
-    meshes = [paint_mesh(part, person) for part in torso]
-    meshes += [build_part(head, SKIN, person), build_part(hair, HAIR, person)]
-    for leg, arm, side in ((Limb.LEFT_LEG, Limb.LEFT_ARM, 1), (Limb.RIGHT_LEG, Limb.RIGHT_ARM, -1)):
-        parts = (
-            (*_build_limb(leg, (0.06, 0.06, 0.06), (0.86, 0.11, 0.085), side * 0.095), TROUSERS),
-            (leg, build_block((-0.07, side * 0.1 - 0.05, 0.0), (0.19, side * 0.1 + 0.05, 0.09)), SHOES),
-            (*_build_limb(arm, (0.88, 0.045, 0.04), (1.42, 0.06, 0.05), side * 0.26), None),
-            (*_build_limb(arm, (0.76, 0.04, 0.03), (0.88, 0.045, 0.04), side * 0.26), SKIN),
-        )
-        for limb, triangles, colour in parts:
-            mesh = paint_mesh(triangles, person) if colour is None else build_part(triangles, colour, person)
-            mesh["kind"][:, 3] = limb
-            meshes.append(mesh)
-    return join_meshes(meshes), size
+    torso = build_block((-0.16, -0.22, 0.82), (0.16, 0.22, 1.45))
+    arms = [
+        build_block((-0.08 + shift, low, 0.8), (0.08 + shift, low + 0.08, 1.42))
+        for low, shift in ((-0.3, -0.22), (0.22, 0.22))
+    ]
+    head = build_block((-0.12, -0.1, 1.45), (0.12, 0.1, 1.75))
+    parts = [build_part(leg, TROUSERS, person) for leg in legs] + [paint_mesh(part, person) for part in (torso, *arms)]
+    return join_meshes([*parts, build_part(head, SKIN, person)]), size
 
 
 def _build_obstacle() -> tuple[Mesh, Corner]:
@@ -183,20 +152,3 @@ FAR_MODELS: Mapping[RoadUserModel, Mesh] = MappingProxyType(
     {model: _to_unit(build(False)) for model, build in _VEHICLES.items()}
 )
 """Vehicles with simpler wheels, for those whose wheels cover few pixels."""
-
-_BLOCK = build_block((-0.5, -0.5, 0.0), (0.5, 0.5, 1.0))
-_CAR_SHADOW = (
-    build_block((-0.5, -0.5, 0.1), (0.5, 0.5, 0.58)),
-    build_frustum(((-0.42, -0.48, 0.55), (0.23, 0.48, 0.55)), ((-0.29, -0.41, 1.0), (0.08, 0.41, 1.0))),
-)
-_RIDER_SHADOW = build_block((-0.5, -0.08, 0.0), (0.5, 0.08, 0.5)), build_block((-0.2, -0.33, 0.4), (0.05, 0.33, 1.0))
-SHADOW_MODELS: Mapping[RoadUserModel, Float] = MappingProxyType(
-    {
-        **dict.fromkeys(RoadUserModel, _BLOCK),
-        RoadUserModel.CAR: np.concatenate(_CAR_SHADOW),
-        RoadUserModel.MOTORCYCLE: np.concatenate(_RIDER_SHADOW),
-        RoadUserModel.CYCLIST: np.concatenate(_RIDER_SHADOW),
-        RoadUserModel.PEDESTRIAN: build_block((-0.25, -0.35, 0.0), (0.25, 0.35, 1.0)),
-    }
-)
-"""Triangles (T, 3, 3) in the unit box of every model that throw its shadow: few, for a shadow shows little."""

@@ -33,17 +33,7 @@ from mdrive_sumo.sensing.camera.meshes import (
     join_meshes,
     triangulate_polygons,
 )
-from mdrive_sumo.sensing.camera.street_models import build_made_up, find_street_lamps
 from mdrive_sumo.sensing.lidar_world import BUILDING_M
-from mdrive_sumo.sensing.street_furniture import (
-    HOUSING_LOW_M,
-    HOUSING_M,
-    POLE_M,
-    SIGN_HEIGHT_M,
-    SIGN_RADIUS_M,
-    load_street_furniture,
-    place_housings,
-)
 
 LINE_M, STOP_LINE_M = 0.15, 0.4
 """[m] Widths of lane markings and stop lines."""
@@ -53,6 +43,14 @@ CHUNK_M = 64.0
 """[m] Side of the squares by which triangles are drawn or left out."""
 SURROUNDINGS_M = 1000.0
 """[m] Around the lanes; buildings farther away are left out."""
+POLE_M = 0.12
+"""[m] Diameter of the pole of a sign or light."""
+SIGN_HEIGHT_M, SIGN_RADIUS_M = 2.3, 0.42
+HOUSING_M = (0.3, 0.36, 1.0)
+"""[m] Depth, width and height of a traffic light."""
+HOUSING_LOW_M, HOUSING_GAP_M = 2.7, 0.5
+OUTSIDE_M = 0.9
+"""[m] Distance of a traffic light's pole from the edge of its lane."""
 GRID_M = 8192.0
 """[m] Vertices are first rounded to single precision relative to a multiple of it: large coordinates lose no digits."""
 GROUND_LAYERS = 5
@@ -102,8 +100,6 @@ class StaticScene:
     vertices: Mesh
     chunks: Chunks
     lamps: SignalLamps
-    street_lamps: Float
-    """(L, 2) where street lamps hang [m], relative to the origin."""
 
 
 @lru_cache(maxsize=2)
@@ -113,9 +109,7 @@ def load_static_scene(roads: RoadMap) -> StaticScene:
     middle = shapely.get_coordinates(whole.centroid)[0].round()
     origin = np.array((*middle, 0.0))
     mesh, lamps = build_scene_meshes(roads, whole, origin)
-    return StaticScene(
-        origin, *_cut_into_chunks(mesh), lamps, find_street_lamps(load_street_furniture(roads)) - origin[:2]
-    )
+    return StaticScene(origin, *_cut_into_chunks(mesh), lamps)
 
 
 def build_scene_meshes(roads: RoadMap, area: BaseGeometry, origin: Float) -> tuple[Mesh, SignalLamps]:
@@ -126,8 +120,7 @@ def build_scene_meshes(roads: RoadMap, area: BaseGeometry, origin: Float) -> tup
     geometry, heads = build_map_geometry(roads, area), list_signal_heads(roads, area)
     corner = GRID_M * np.round(origin / GRID_M)
     build = partial(build_mesh, origin=corner)
-    solids = *_build_solids(geometry, heads, build), *build_made_up(load_street_furniture(roads), area, build)
-    mesh = join_meshes([*solids, *_build_ground(geometry, build)])
+    mesh = join_meshes([*_build_solids(geometry, heads, build), *_build_ground(geometry, build)])
     return _move(mesh, origin - corner), _build_lamps(heads, origin)
 
 
@@ -150,8 +143,8 @@ def _build_ground(geometry: MapGeometry, build: MeshBuilder) -> Iterator[Mesh]:
     road, walk, line = SemanticClass.ROAD, SemanticClass.SIDEWALK, SemanticClass.ROAD_LINE
     paint = build_road_paint(geometry, LINE_M, STOP_LINE_M)
     layers: tuple[tuple[Sequence[shapely.Polygon], Colour, SemanticClass, Material], ...] = (
-        (paint, (226, 226, 222), line, Material.SMOOTH),
-        (_build_kerbs(geometry), (196, 194, 188), walk, Material.SMOOTH),
+        (paint, (226, 226, 222), line, Material.PLAIN),
+        (_build_kerbs(geometry), (196, 194, 188), walk, Material.PLAIN),
         (geometry.asphalt, (84, 85, 88), road, Material.ROUGH),
         (geometry.aprons, (104, 104, 106), road, Material.ROUGH),
         (geometry.pavements, (158, 156, 150), walk, Material.ROUGH),
@@ -208,13 +201,26 @@ def _build_stop_sign(mark: StopMark, build: MeshBuilder) -> Iterator[Mesh]:
         yield build(fan, colour, SemanticClass.TRAFFIC_SIGN)
 
 
+def _place_housings(head: SignalHead) -> Iterator[tuple[float, float]]:
+    """Yield the middle of every housing of a signal head [m]."""
+    across = _find_right(head.yaw)
+    for i in range(len(head.lights)):
+        x, y = (head.place + across * (head.width / 2 + OUTSIDE_M + HOUSING_GAP_M * i)).tolist()
+        yield x, y
+
+
+def _find_right(yaw: float) -> Float:
+    cos, sin = portable.cos_sin(yaw)
+    return np.array((sin, -cos))
+
+
 def _build_signal(head: SignalHead, build: MeshBuilder) -> Iterator[Mesh]:
     depth, width, height = HOUSING_M
     cos, sin = portable.cos_sin(head.yaw)
     turn = np.array(((cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0)))
     low = (-depth / 2, -width / 2, HOUSING_LOW_M)
     block = build_block(low, (depth / 2, width / 2, HOUSING_LOW_M + height))
-    for x, y in place_housings(head):
+    for x, y in _place_housings(head):
         yield _build_pole(x, y, HOUSING_LOW_M, build)
         yield build(block @ turn + (x, y, 0.0), (34, 36, 36), SemanticClass.TRAFFIC_LIGHT)
 
@@ -223,7 +229,7 @@ def _build_lamps(heads: Sequence[SignalHead], origin: Float) -> SignalLamps:
     rows = [
         (name, x, y, head.yaw + math.pi)
         for head in heads
-        for name, (x, y) in zip(head.lights, place_housings(head), strict=True)
+        for name, (x, y) in zip(head.lights, _place_housings(head), strict=True)
     ]
     yaw = np.array([row[3] for row in rows])
     turn = np.stack(portable.cos_sin(yaw), axis=-1).reshape(-1, 2)

@@ -115,7 +115,7 @@ def _build_side_face(side: int, y: float, x: tuple[float, float], z: tuple[float
 
 
 def _build_wheels(axles: tuple[float, ...], width: float, radius: float, is_fine: bool) -> list[Mesh]:
-    """Return tyres without their hidden inner side, and hubs; from far away, only the side of a tyre is seen."""
+    """Return tyres without their hidden inner side, and hubs."""
     half = width / 2 * 0.985
     corners = 12 if is_fine else 6
     meshes: list[Mesh] = []
@@ -123,8 +123,7 @@ def _build_wheels(axles: tuple[float, ...], width: float, radius: float, is_fine
         for side in (-1, 1):
             low, high = sorted((side * half, side * (half - TYRE_M)))
             tread, *discs = np.split(build_wheel(x, (low, high), radius, corners), (2 * corners, 3 * corners))
-            outside = discs[0 if side < 0 else 1]
-            meshes.append(build_part(np.concatenate((tread, outside)) if is_fine else outside, RUBBER))
+            meshes.append(build_part(np.concatenate((tread, discs[0 if side < 0 else 1])), RUBBER))
             if is_fine:
                 hub = build_disc((x, side * width / 2, radius), 0.55 * radius, 8)
                 meshes.append(build_part(hub if side < 0 else hub[:, ::-1], HUB))

@@ -19,11 +19,10 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.scene_3d import pack_scene
 from mdrive_sumo.report.view_3d_script import build_view_3d_script
 from mdrive_sumo.sensing.camera.camera_model import ImageKind
-from mdrive_sumo.sensing.camera.camera_renderer import load_renderer
+from mdrive_sumo.sensing.camera.camera_renderer import Picture, load_renderer
 from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
 from mdrive_sumo.sensing.camera.instances import load_instances
 from mdrive_sumo.sensing.camera.lighting import LIGHTS
-from mdrive_sumo.sensing.camera.picture import Picture
 from mdrive_sumo.sensing.camera.static_scene import build_scene_meshes, load_static_scene
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
 
@@ -191,9 +190,7 @@ def test_the_picture_is_like_that_of_the_camera_renderer(view: Any) -> None:
         view.evaluate("(name) => view.setWeather(name)", weather)
         view.evaluate("view.setSignals({ c: 'OOOOOOOO' })")
         look(view, x, y, yaw, "four")
-        light = replace(LIGHTS[weather], street=0.0)  # the view has no light on the ground but that of head lamps
-        instances = load_instances(nobody, scene)
-        picture = Picture(model, camera_view, scene, instances, light, heading, camera_view.place[:2])
+        picture = Picture(model, camera_view, scene, load_instances(nobody, scene), LIGHTS[weather], heading)
         expected, classes = draw(picture), draw(replace(picture, model=replace(model, kind=ImageKind.SEMANTIC)))
         shown = np.array(view.evaluate("sample(640, 360)")).reshape(90, 160, 3)
         for kind in (SemanticClass.ROAD, SemanticClass.BUILDING, SemanticClass.SKY, SemanticClass.TERRAIN):

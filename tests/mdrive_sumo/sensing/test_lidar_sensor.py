@@ -168,6 +168,15 @@ def test_a_scan_without_hit_ids_has_the_same_points_and_no_names() -> None:
     assert named.hit.dtype == np.int32
 
 
+def test_intensity_falls_with_distance_and_depends_on_the_material() -> None:
+    cloud = scan(
+        sensor(hit_ids=True), (Kind.VEHICLE, 10.0, 0.0, 0.0, 4.5, 1.9), (Kind.STATIC, -9.0, 0.0, 0.0, 1.0, 3.0)
+    )
+    faded = np.exp(-0.004 * np.linalg.norm(cloud.points[:, :3], axis=1))
+    material = np.array([{derive_track_name("a", "b"): 0.8}.get(name, 0.6) for name in cloud.names] + [0.2])[cloud.hit]
+    assert cloud.points[:, 3] == pytest.approx(material * faded, abs=1e-5)
+
+
 # --- Pose
 
 

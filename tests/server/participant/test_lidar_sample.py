@@ -44,7 +44,6 @@ def test_it_stops_for_what_stands_on_its_route_and_for_nothing_beside_or_below_i
     assert find_free_way(obstacles, scan_box(25.0, 8.0)) == np.inf
     assert find_free_way(obstacles, scan_box(25.0, 0.0, above_ground=0.1)) == np.inf
     assert find_free_way(obstacles, np.zeros((0, 4))) == np.inf
-    assert find_free_way(obstacles, np.array([(3.0, 0.2, -1.0, 5 / 255)])) == np.inf, "a drop of rain"
 
 
 def test_it_stops_for_what_moves_towards_its_route_and_not_for_what_moves_away(obstacles: ModuleType) -> None:

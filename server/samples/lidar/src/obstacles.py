@@ -7,8 +7,6 @@ SENSOR_M = 2.5
 HEIGHT_M = (0.3, 3.0)
 """Points between these heights above the ground are obstacles [m]."""
 REACH_M = 45.0
-FAINT, RAIN_M = 0.035, 10.0
-"""Fainter points that are nearer [m] may be drops of rain."""
 CELL_M = 1.0
 LONGEST_M = 12.0
 """Longer groups are walls: they stand, although their visible part moves."""
@@ -29,9 +27,7 @@ class ObstacleFinder:
     def update(self, tick, own, scan):
         """Take a scan (N, 4) in the frame of the sensor above the own box centre."""
         height = scan[:, 2] + SENSOR_M
-        away = np.hypot(scan[:, 0], scan[:, 1])
-        near = (height > HEIGHT_M[0]) & (height < HEIGHT_M[1]) & (away < REACH_M)
-        near &= (scan[:, 3] > FAINT) | (away > RAIN_M)
+        near = (height > HEIGHT_M[0]) & (height < HEIGHT_M[1]) & (np.hypot(scan[:, 0], scan[:, 1]) < REACH_M)
         ahead, left = scan[near, :2].T.astype(float)
         cos, sin = np.cos(own.yaw), np.sin(own.yaw)
         world = np.column_stack([own.x + cos * ahead - sin * left, own.y + sin * ahead + cos * left])
