@@ -145,11 +145,12 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run modules with a costly fixture first.
+    """Run modules with a costly fixture first, then tests that have a limit of time of their own.
 
-    The last tests are dealt to the workers of pytest-xdist one by one, and each worker would make the fixture again.
+    The last tests are dealt to the workers of pytest-xdist one by one, and each worker would make the fixture again; a
+    test of minutes among the last ones would run while the other workers have nothing to do.
     """
-    items.sort(key=lambda item: item.get_closest_marker("costly_fixture") is None)
+    items.sort(key=lambda item: [item.get_closest_marker(name) is None for name in ("costly_fixture", "timeout")])
 
 
 def pytest_configure(config: pytest.Config) -> None:

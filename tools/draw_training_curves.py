@@ -11,16 +11,15 @@ from pathlib import Path
 
 import click
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.output_files import make_parents, write_bytes
-from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.training.training_curves import read_curves
 from mdrive_sumo.report.figure_style import COLOURS, MARKERS, open_figure, render_figure
-from tools.tool_command import HELP, ToolCommand
+from tools.tool_command import HELP, ToolCommand, write_small_picture
 
 COLUMNS = 4
-PANEL_IN = 3.3, 2.7
+PANEL_IN, LEGEND_IN = (3.3, 2.5), 0.4
 LOSS, JUDGED = "loss/total", "validation/"
 Curve = Sequence[tuple[int, float]]
 """Steps and values."""
@@ -46,8 +45,8 @@ def join_rounds(paths: Sequence[Path]) -> tuple[Mapping[str, Curve], Sequence[in
     return curves, begins[1:]
 
 
-def _draw(axes: Axes, curves: Mapping[str, Curve], begins: Sequence[int]) -> None:
-    """Draw the loss by the left axis, thin, and validation by the right one."""
+def _draw(axes: Axes, curves: Mapping[str, Curve], begins: Sequence[int]) -> Mapping[str, Line2D]:
+    """Draw the loss by the left axis, thin, and validation by the right one; return the lines by name."""
     axes.plot(*zip(*curves[LOSS], strict=True), color="#999999", linewidth=0.8, label="loss")
     axes.set(xlabel="step", ylim=(0.0, None))
     right = axes.twinx()
@@ -62,11 +61,9 @@ def _draw(axes: Axes, curves: Mapping[str, Curve], begins: Sequence[int]) -> Non
             marker=MARKERS[place % len(MARKERS)],
             markersize=3,
         )
-    right.set_ylim(bottom=0.0)
     for step in begins:
         axes.axvline(step, color="black", linestyle=":", linewidth=0.8)
-    lines = [*axes.get_lines()[:1], *right.get_lines()]
-    right.legend(handles=lines, fontsize=7, frameon=False)
+    return {str(line.get_label()): line for line in (*axes.get_lines()[:1], *right.get_lines())}
 
 
 @click.command(cls=ToolCommand, context_settings=HELP)
@@ -82,16 +79,15 @@ def main(stem: Path, trainings: Sequence[str]) -> None:
         panels[name] = join_rounds([Path(file) for file in files.split(",")])
     rows = -(-len(panels) // COLUMNS)
     columns = min(len(panels), COLUMNS)
-    with open_figure(columns * PANEL_IN[0], rows * PANEL_IN[1]) as figure:
+    lines: dict[str, Line2D] = {}
+    with open_figure(columns * PANEL_IN[0], rows * PANEL_IN[1] + LEGEND_IN) as figure:
         for place, (name, (curves, begins)) in enumerate(panels.items(), start=1):
             axes = figure.add_subplot(rows, columns, place)
             axes.set_title(name, fontsize=10)
-            _draw(axes, curves, begins)
+            lines |= _draw(axes, curves, begins)
+        figure.legend(handles=[*lines.values()], loc="outside lower center", ncols=len(lines), frameon=False)
         content = render_figure(figure, "png")
-    path = Path(f"{stem}.png")
-    make_parents(path)
-    write_bytes(path, content)
-    echo(f"{path} {len(content)} bytes")
+    write_small_picture(content, Path(f"{stem}.png"))
 
 
 if __name__ == "__main__":

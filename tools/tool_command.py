@@ -1,18 +1,24 @@
 """ToolCommand: what the commands of developers share, `python -m tools.NAME`."""
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import click
+from PIL import Image
 
 from mdrive_sumo.cli.command_line import InputProblem
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.output_files import copy_file, make_parents
+from mdrive_sumo.core.output_files import copy_file, make_parents, write_bytes
 from mdrive_sumo.core.terminal import echo
 
 HELP = {"help_option_names": ["-h", "--help"]}
 
 dry_run_option = click.option("--dry-run", is_flag=True, help="Say what would be written, and write nothing.")
+
+
+PALETTE = 128
+"""Colours of a drawn picture: a quarter of its size, and no difference to be seen."""
 
 
 class ToolCommand(click.Command):
@@ -49,3 +55,14 @@ def replace_changed_files(built: Path, target: Path, *, dry_run: bool) -> Sequen
         echo(f"{'would change' if dry_run else 'changed'}: {target / name}")
     echo(f"{target}: {len(changed)} files {'would change' if dry_run else 'changed'}")
     return changed
+
+
+def write_small_picture(png: bytes, path: Path) -> None:
+    """Write a picture with few colours, and print its path and size."""
+    buffer = BytesIO()
+    Image.open(BytesIO(png)).convert("RGB").quantize(PALETTE, dither=Image.Dither.NONE).save(
+        buffer, "PNG", optimize=True
+    )
+    make_parents(path)
+    write_bytes(path, buffer.getvalue())
+    echo(f"{path} {len(buffer.getvalue())} bytes")

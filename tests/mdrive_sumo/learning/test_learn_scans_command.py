@@ -85,6 +85,7 @@ def read_frames_of(folder: Path, name: str) -> frame_collection.FusionFrames:
     return _read_shard(folder / name)
 
 
+@pytest.mark.full  # in `make test`: test_collection kills the collector, which both share, and gives it two workers
 def test_bytes_do_not_depend_on_workers_nor_on_kills(short_suite: Path, frame_set: Path, tmp_path: Path) -> None:
     """SIGKILL after the first scenario; two workers go on."""
     folder = tmp_path / "killed"

@@ -19,7 +19,7 @@ from mdrive_sumo.runs.takes import Action, DriverChoice, RecordedActions, make_h
 
 pytestmark = pytest.mark.slow
 
-EXAMPLES = examples(6, 60)
+EXAMPLES = examples(4, 60)
 """Of an example's half second: four episodes of a short scenario with two CAVs."""
 LAST_TICK = 120
 """[tick] Of what happens, from the begin of the actions on."""
