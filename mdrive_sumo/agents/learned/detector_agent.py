@@ -57,7 +57,7 @@ from mdrive_sumo.v2x.messages import CPM, ReferencePose
 OPTIONS: Mapping[str, Option] = MappingProxyType(
     {
         "budget": Option(MAP_PACKETS * MAX_PACKET_BYTES, 200, 60 * MAX_PACKET_BYTES),
-        "score": Option(0.3, 0.1, 1.0),
+        "score": Option(0.4, 0.1, 1.0),
     }
 )
 PROVIDERS = Choice("auto", ("auto", "cpu"))
