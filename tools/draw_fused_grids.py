@@ -50,7 +50,7 @@ MIN_IOU = 0.5
 CAR_M = 4.9, 2.1
 """Length and width of a CAV."""
 TITLES = ("own grid", "features received", "detections", "truth")
-OWN, OTHERS, NOBODY, NOT_ARRIVED = COLOURS[0], COLOURS[1], "#888888", "#cfcfcf"
+OWN, OTHERS, UNSEEN, NOT_ARRIVED = COLOURS[0], COLOURS[1], "#888888", "#cfcfcf"
 PANEL_IN, LEGEND_IN = 2.75, 0.9
 ARROW_M = np.array(((3.0, 0.0), (-2.2, 1.7), (-1.2, 0.0), (-2.2, -1.7)))
 """A car of those that share, as an arrow head."""
@@ -186,7 +186,7 @@ def draw_scenes(scenes: Sequence[FusedScene], path: Path) -> None:
         handles = [
             Line2D([], [], color=OWN, label="found by the own scan alone; seen by the own car"),
             Line2D([], [], color=OTHERS, label="found only with what others sent; seen by others only"),
-            Line2D([], [], color=NOBODY, label="true box that no car has a point on"),
+            Line2D([], [], color=UNSEEN, label="true box that no car has a point on"),
             Line2D([], [], color="black", linestyle=":", label=f"detection that lies on no true box (IoU {MIN_IOU})"),
             Line2D([], [], color=NOT_ARRIVED, lw=6, label="no features arrived; among detections: a true box"),
             Line2D([], [], color="black", marker="^", linestyle="", label="own car"),
@@ -215,7 +215,7 @@ def _draw_row(scene: FusedScene, panels: Sequence[Axes]) -> None:
     for box, is_new, is_right in zip(scene.found.boxes, scene.is_new, scene.is_right, strict=True):
         _draw_box(detections, box, OTHERS if is_new else OWN, is_right=is_right)
     for box, is_seen in zip(scene.boxes, scene.is_seen, strict=True):
-        _draw_box(truth, box, OWN if is_seen[0] else OTHERS if is_seen.any() else NOBODY)
+        _draw_box(truth, box, OWN if is_seen[0] else OTHERS if is_seen.any() else UNSEEN)
 
 
 def _turn(xy: Float) -> Float:

@@ -14,11 +14,11 @@ from mdrive_sumo.learning.fusion.detector_figures import FigureKey
 from mdrive_sumo.learning.fusion.detector_tables import DetectorSummary, write_detectors_json
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, load_unchecked_results, save_results, summarize_run
 from tools import write_model_card
+from tools.model_card_text import format_card
 from tools.write_model_card import (
     CARD_DETECTORS,
     NewMeasurements,
     build_card,
-    format_card,
     list_cards,
     load_measured,
     summarise_runs,
