@@ -19,7 +19,6 @@ from mdrive_sumo.agent_process.agent_lookup import (
     split_locator,
 )
 from mdrive_sumo.agent_process.child_process import AgentBox
-from mdrive_sumo.agents.learned.model_weights import find_encoder
 from mdrive_sumo.agents.registry import AGENTS, DETECTOR_AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import Agent
 from mdrive_sumo.contract.human_options import HUMAN_REPLAY, TAKE_OPTION
@@ -215,7 +214,9 @@ class AgentSpec:
         """Return the files that options name, by option and place: "" for the file itself; of a take its recordings,
         of a detector its encoder."""
         files = {name: {"": Path(value)} for name, value in self.config.items() if _is_file(value)}
-        if isinstance(self.agent, str) and self.agent in DETECTOR_AGENTS:
+        if files and isinstance(self.agent, str) and self.agent in DETECTOR_AGENTS:
+            from mdrive_sumo.agents.learned.model_weights import find_encoder  # here: jobs of others do not need it
+
             for found in files.values():
                 encoder = find_encoder(found[""])
                 found |= {"/encoder": encoder} if encoder.is_file() else {}
