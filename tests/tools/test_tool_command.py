@@ -20,6 +20,7 @@ PARTS = {
     "tools.aim_tables",
     "tools.detector_values",
     "tools.docs_site",
+    "tools.model_card_text",
     "tools.paper_values",
     "tools.published_values",
     "tools.seed_runs",
