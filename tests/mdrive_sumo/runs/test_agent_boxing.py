@@ -13,6 +13,7 @@ import mdrive_sumo as md
 from mdrive_sumo.agent_process.child_process import PACKAGE
 from mdrive_sumo.agent_process.sandbox import BoxSpec, open_box
 from mdrive_sumo.agent_process.sandbox.bubblewrap import find_hidden_paths
+from mdrive_sumo.agents.learned.fusion_spec import TRAINED
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
@@ -97,7 +98,8 @@ def stolen(out: Path) -> list[str]:
 def test_a_boxed_agent_reads_nothing_of_the_suite_and_a_plain_one_does(folder: Path) -> None:
     plain, boxed = drive(folder), drive(folder, "--sandbox")
     assert len(stolen(plain)) > 100
-    data = [f"learned/weights/{system}.json" for system in SYSTEMS] + ["memory_drives.npz"]  # public
+    networks = [*SYSTEMS, *TRAINED, *(f"{name}-encoder" for name in TRAINED)]
+    data = [f"learned/weights/{name}.json" for name in networks] + ["memory_drives.npz"]  # public
     assert set(stolen(boxed)) == {"/agent/config.json", *(f"/kit/mdrive_sumo/agents/{name}" for name in data)}
     plain_results, boxed_results = (load_results(out / "results.json") for out in (plain, boxed))
     assert [one.digest for one in plain_results.scenarios] == [one.digest for one in boxed_results.scenarios]
