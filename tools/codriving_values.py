@@ -42,6 +42,7 @@ PAIRS = (("codriving", "codriving:alone"), ("codriving:fast", "codriving:fast-al
 ALONE = "alone"
 """Part of the twin that neither sends nor reads messages."""
 LEAST_BUDGETS = 2
+"""A curve needs two points."""
 SIZE_IN = 7.0, 4.2
 
 

@@ -45,6 +45,7 @@ from mdrive_sumo.v2x.messages import Feature, ReferencePose, decode
 from tools.tool_command import HELP, ToolCommand, write_small_picture
 
 SCENES = 3
+"""Rows of a picture that fits a page; chosen."""
 MIN_IOU = 0.5
 """From here on a detection is the true box, or what the own scan finds alone."""
 CAR_M = 4.9, 2.1
