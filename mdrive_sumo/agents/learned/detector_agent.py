@@ -21,7 +21,6 @@ from mdrive_sumo.agents.learned.fusion_spec import (
     MAP_TICKS,
     WAIT_TICKS,
 )
-from mdrive_sumo.agents.learned.model_weights import check_runtime
 from mdrive_sumo.agents.learned.network_inputs import LIDAR_ID
 from mdrive_sumo.agents.learned.point_grid import Cells, build_point_cells, merge_cells
 from mdrive_sumo.agents.learned.shared_grids import (
@@ -47,6 +46,7 @@ from mdrive_sumo.contract import (
 )
 from mdrive_sumo.contract.agent_options import Choice, Config, Option, read_choice, read_options
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.onnx_weights import check_runtime
 from mdrive_sumo.perception.box_iou import compute_ious
 from mdrive_sumo.perception.late_fusion import ETSI_FUSION, FUSION, OPV2V_LIMITS, LateFusion
 from mdrive_sumo.planning.hazard_rule import HazardRulePlanner

@@ -3,8 +3,6 @@
 pydantic and ONNX Runtime are imported when weights are loaded, so that other commands start without them.
 """
 
-import hashlib
-import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,17 +15,13 @@ from mdrive_sumo.agents.learned.network_inputs import Inputs, describe_inputs, d
 from mdrive_sumo.agents.learned.plan_anchors import build_anchors, decode_plans
 from mdrive_sumo.agents.learned.system_spec import SystemSpec
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.input_files import read_bytes
-from mdrive_sumo.core.installation_command import format_installation
+from mdrive_sumo.core.onnx_weights import check_arrays, check_runtime, create_session, read_checked_weights
 
 if TYPE_CHECKING:
     from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
 
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 """Packaged weights: NAME.onnx and NAME.json for each system."""
-GPU_PROVIDER, CPU_PROVIDER = "CUDAExecutionProvider", "CPUExecutionProvider"
-ERRORS_ONLY = 3
-"""Severity of what ONNX Runtime prints."""
 CACHED_NETWORKS = 8
 """Networks that a process keeps loaded; there are four systems."""
 
@@ -75,17 +69,8 @@ def read_checked_manifest(file: Path, system: str) -> "WeightsManifest":
     manifest = read_manifest(file.with_suffix(".json"))
     if manifest.system != system:
         raise InputError(f"weights {file}: expected those of the system {system!r}, found {manifest.system!r}")
-    _read_weights(file, manifest)  # also if it is loaded already: the file may have been replaced
+    read_checked_weights(file, manifest.sha256)  # also if it is loaded already: the file may have been replaced
     return manifest
-
-
-def check_runtime(agent: str) -> None:
-    """Raise InputError unless ONNX Runtime is installed, which runs the networks of an agent."""
-    if importlib.util.find_spec("onnxruntime") is None:
-        raise InputError(
-            f"agent {agent}: expected ONNX Runtime to run its network, found none installed;"
-            f" {format_installation('learned')}"
-        )
 
 
 @lru_cache(maxsize=CACHED_NETWORKS)
@@ -110,67 +95,6 @@ def open_weights(
     file: Path, manifest: "WeightsManifest", inputs: Mapping[str, str], outputs: Mapping[str, str], use_gpu: bool
 ) -> DrivingNetwork:
     """Return a network. inputs, outputs: dtype and shape that it must have, as texts, by name. Raises InputError."""
-    provider, session = _create_session(file, _read_weights(file, manifest), use_gpu)
-    _check_arrays(file, session, manifest.system, {"input": inputs, "output": outputs})
+    provider, session = create_session(file, read_checked_weights(file, manifest.sha256), use_gpu)
+    check_arrays(file, session, f"the system {manifest.system}", {"input": inputs, "output": outputs})
     return DrivingNetwork(manifest, provider, session)
-
-
-def _read_weights(file: Path, manifest: "WeightsManifest") -> bytes:
-    try:
-        content = read_bytes(file)
-    except OSError as error:
-        raise InputError(f"weights {file}: cannot be read: {error.strerror}") from None
-    found = hashlib.sha256(content).hexdigest()
-    if found != manifest.sha256:
-        raise InputError(
-            f"weights {file}: expected the checksum {manifest.sha256[:16]}... of its manifest, found {found[:16]}...;"
-            " the file is damaged or was replaced: export it again"
-        )
-    return content
-
-
-def _create_session(file: Path, content: bytes, use_gpu: bool) -> tuple[str, Any]:
-    """Return the provider and an `InferenceSession` that gives the same numbers in every run on one machine.
-
-    One thread: sums are added in one order, and the workers of a run already occupy the cores.
-    """
-    import onnxruntime
-    from onnxruntime.capi import onnxruntime_pybind11_state as state  # pyright: ignore[reportAttributeAccessIssue]
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
-    options.use_deterministic_compute = True
-    options.log_severity_level = ERRORS_ONLY
-    providers = [CPU_PROVIDER]
-    if use_gpu and GPU_PROVIDER in onnxruntime.get_available_providers():
-        providers.insert(0, GPU_PROVIDER)
-    errors = (state.Fail, state.InvalidProtobuf, state.InvalidGraph, state.InvalidArgument, state.NotImplemented)
-    try:
-        session = onnxruntime.InferenceSession(content, options, providers=providers)
-    except (*errors, state.RuntimeException) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(
-            f"weights {file}: expected a network for ONNX Runtime {onnxruntime.__version__}, found {reason:.200}"
-        ) from None
-    return session.get_providers()[0], session
-
-
-def _check_arrays(file: Path, session: Any, system: str, arrays: Mapping[str, Mapping[str, str]]) -> None:
-    """Raise InputError unless the network has the inputs and outputs of its system."""
-    for what, of_network in (("input", session.get_inputs()), ("output", session.get_outputs())):
-        expected = arrays[what]
-        found = {array.name: f"{_name_type(array.type)} {list(array.shape)}" for array in of_network}
-        for name in sorted({*expected, *found}):
-            wanted, has = expected.get(name, "none"), found.get(name, "none")
-            if wanted != has:
-                raise InputError(
-                    f"weights {file}: {what} {name!r}: expected {wanted} of the system {system}, found {has};"
-                    " export it again with this version of mdrive-sumo"
-                )
-
-
-def _name_type(onnx_type: str) -> str:
-    """Return the name of the dtype of an ONNX type: "tensor(float)" is "float32"."""
-    name = onnx_type.removeprefix("tensor(").removesuffix(")")
-    return {"float": "float32", "double": "float64"}.get(name, name)

@@ -12,11 +12,12 @@ import pytest
 from testing.onnx_writer import Array, Node, write_model
 from testing.tiny_network import TinyNetwork, save_tiny_weights
 
-from mdrive_sumo.agents.learned.model_weights import CPU_PROVIDER, load_network
+from mdrive_sumo.agents.learned.model_weights import load_network
 from mdrive_sumo.agents.learned.network_inputs import Inputs, describe_inputs
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.agents.learned.tcp import TcpAgent
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.onnx_weights import CPU_PROVIDER
 
 TCP = SYSTEMS["tcp"]
 
