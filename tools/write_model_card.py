@@ -23,8 +23,9 @@ import click
 from mdrive_sumo.agents.learned.fusion_spec import CODRIVING, TRAINED
 from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
-from mdrive_sumo.agents.learned.weights_manifest import read_manifest
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.onnx_manifest import read_manifest
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.statistics import bootstrap_nested
 from mdrive_sumo.learning.fusion.detector_tables import DetectorSummary
@@ -147,7 +148,7 @@ def build_card(card: str, measured: Mapping[str, Any]) -> str:
     """Return a card. Raises InputError for measurements of other weights than the packaged ones."""
     if card in CARD_DETECTORS:
         return _build_detector_card(card, measured)
-    manifest = read_manifest(WEIGHTS_FOLDER / f"{card}.json")
+    manifest = read_manifest(WEIGHTS_FOLDER / f"{card}.json", WeightsManifest)
     if (found := measured["open_loop"]["sha256"]) != manifest.sha256:
         raise InputError(
             f"{card}: expected measurements of the packaged weights {manifest.sha256:.16}..., found those of"
@@ -158,7 +159,7 @@ def build_card(card: str, measured: Mapping[str, Any]) -> str:
 
 def _build_detector_card(card: str, measured: Mapping[str, Any]) -> str:
     manifests = {
-        name: (read_manifest(WEIGHTS_FOLDER / f"{name}-encoder.json"), read_manifest(WEIGHTS_FOLDER / f"{name}.json"))
+        name: (read_manifest(WEIGHTS_FOLDER / f"{name}-encoder.json", WeightsManifest), read_manifest(WEIGHTS_FOLDER / f"{name}.json", WeightsManifest))
         for name in CARD_DETECTORS[card]
     }
     precisions: dict[str, DetectorSummary] = {}

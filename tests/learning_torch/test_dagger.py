@@ -8,7 +8,8 @@ import pytest
 
 from mdrive_sumo.agents.learned.model_weights import load_network
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
-from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
+from mdrive_sumo.core.onnx_manifest import write_manifest
 from mdrive_sumo.learning import collection as collecting
 from mdrive_sumo.learning.collection import RoundPlan, collect_round
 from mdrive_sumo.learning.collection_settings import CollectionSettings

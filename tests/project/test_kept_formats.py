@@ -19,8 +19,9 @@ from typing import Any
 import pytest
 from testing.paths import ROOT, TESTS
 
-from mdrive_sumo.agents.learned.weights_manifest import read_manifest
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
 from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.onnx_manifest import read_manifest
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.generate.hard.hard_recipe import HardRecipe
 from mdrive_sumo.generate.recipe import load_recipe
@@ -109,7 +110,7 @@ def test_a_kept_file_is_read(name: str) -> None:
 
 
 def test_weights_are_read() -> None:
-    assert read_manifest(KEPT / "weights.json").system == "tcp"
+    assert read_manifest(KEPT / "weights.json", WeightsManifest).system == "tcp"
 
 
 def test_a_recorded_log_is_read() -> None:

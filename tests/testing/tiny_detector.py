@@ -19,7 +19,8 @@ from mdrive_sumo.agents.learned.fusion_spec import (
     OUTPUT_CELLS,
     SHARING,
 )
-from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
+from mdrive_sumo.core.onnx_manifest import write_manifest
 from testing.onnx_writer import Array, Node, write_model
 
 CAR_LAYERS, PERSON_LAYERS, VAN_LAYERS, WALL_LAYERS = slice(1, 4), slice(4, 5), slice(5, 6), slice(6, 8)

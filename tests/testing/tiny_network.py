@@ -8,7 +8,8 @@ import numpy as np
 
 from mdrive_sumo.agents.learned.network_inputs import describe_inputs, describe_outputs
 from mdrive_sumo.agents.learned.system_spec import COMMANDS, NAVIGATION_SIZE, PLAN_INTERVAL_S, PLAN_POINTS, SystemSpec
-from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
+from mdrive_sumo.core.onnx_manifest import write_manifest
 from testing.onnx_writer import Array, Node, write_model
 
 MEMORY = (2, 3, 4)

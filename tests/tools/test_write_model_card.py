@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.onnx_manifest import write_manifest
 from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.learning.fusion.detector_figures import FigureKey
 from mdrive_sumo.learning.fusion.detector_tables import DetectorSummary, write_detectors_json

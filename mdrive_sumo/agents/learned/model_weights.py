@@ -64,9 +64,10 @@ def load_network(spec: SystemSpec, path: Path | None = None, use_gpu: bool = Tru
 def read_checked_manifest(file: Path, system: str) -> "WeightsManifest":
     """Return the manifest of a .onnx file. Raises InputError as `load_network`, also for weights of another system."""
     check_runtime(system)
-    from mdrive_sumo.agents.learned.weights_manifest import read_manifest
+    from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
+    from mdrive_sumo.core.onnx_manifest import read_manifest
 
-    manifest = read_manifest(file.with_suffix(".json"))
+    manifest = read_manifest(file.with_suffix(".json"), WeightsManifest)
     if manifest.system != system:
         raise InputError(f"weights {file}: expected those of the system {system!r}, found {manifest.system!r}")
     read_checked_weights(file, manifest.sha256)  # also if it is loaded already: the file may have been replaced

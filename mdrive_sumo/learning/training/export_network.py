@@ -19,9 +19,10 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from mdrive_sumo.agents.learned.network_inputs import describe_inputs, describe_outputs
 from mdrive_sumo.agents.learned.plan_anchors import build_anchors
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS, SystemSpec
-from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.onnx_manifest import write_manifest
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays

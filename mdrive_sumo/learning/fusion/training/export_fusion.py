@@ -23,9 +23,10 @@ from mdrive_sumo.agents.learned.fusion_spec import (
     TILE_CELLS,
     TILE_ROWS,
 )
-from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.onnx_manifest import write_manifest
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.learning.fusion.networks.detection_head import compute_scores
 from mdrive_sumo.learning.fusion.networks.fusion_network import FusionNetwork

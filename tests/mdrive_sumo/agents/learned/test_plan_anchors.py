@@ -16,9 +16,10 @@ from mdrive_sumo.agents.learned.model_weights import load_network
 from mdrive_sumo.agents.learned.network_inputs import describe_inputs, describe_outputs
 from mdrive_sumo.agents.learned.plan_anchors import ANCHORS, SCORES, build_anchors, decode_plans
 from mdrive_sumo.agents.learned.system_spec import PLAN_INTERVAL_S, PLAN_POINTS, SYSTEMS
-from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
 from mdrive_sumo.agents.registry import LEARNED_AGENTS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.onnx_manifest import write_manifest
 
 VOCABULARY_DIGEST = "b6fc4cb6821a398e"
 """Of the anchors that weights are trained with; another vocabulary makes them useless."""
