@@ -16,11 +16,12 @@ from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.output_files import make_folder, remove_parts
 from mdrive_sumo.core.version import __version__
+from mdrive_sumo.learning.array_files import write_arrays
 from mdrive_sumo.learning.collection import CollectionProgress, ScenarioFiles
 from mdrive_sumo.learning.collection_settings import CollectionSettings
 from mdrive_sumo.learning.drive_episode import drive_scenario
 from mdrive_sumo.learning.fusion.drive_frames import DriveFrames, FrameSampling, build_drive_frames
-from mdrive_sumo.learning.fusion.frame_files import ARCHIVE_NAME, FORMAT, write_archive, write_arrays, write_index
+from mdrive_sumo.learning.fusion.frame_files import ARCHIVE_NAME, FORMAT, write_archive, write_index
 from mdrive_sumo.learning.fusion.frames import FusionFrames
 from mdrive_sumo.learning.sample_format import CollectedScenario
 from mdrive_sumo.learning.scenario_jobs import ScenarioJob, WaitingScenario

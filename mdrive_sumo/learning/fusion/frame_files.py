@@ -1,10 +1,7 @@
 """Fusion frames on disk: a folder with `frames.json` and archives of arrays, docs/fusion-frames.md."""
 
-import io
 import json
 import re
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,20 +12,15 @@ import numpy as np
 from mdrive_sumo.agents.learned.fusion_spec import GRID_VERSION
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
-from mdrive_sumo.core.output_files import make_folder, write_bytes, write_text
+from mdrive_sumo.core.output_files import make_folder, write_text
+from mdrive_sumo.learning.array_files import read_arrays, write_arrays
 from mdrive_sumo.learning.fusion.frames import ARRAYS, OPTIONAL, FusionFrames, check_frames, concatenate_frames
 
 FORMAT = "mdrive-sumo fusion frames 1"
 INDEX_NAME, ARCHIVE_NAME = "frames.json", "frames-{:06d}.npz"
-MAX_ARCHIVE_BYTES = 2**31
-"""A thousand frames of three cars have about 50 MB."""
 READERS = 8
 """Threads that unpack archives; zlib lets others run meanwhile."""
 _SHARD_NAME = re.compile(r"frames-\d{6}\.npz")
-_NPZ_ERRORS = (
-    zipfile.BadZipFile, zlib.error, ValueError, OSError, EOFError, KeyError, SyntaxError, NotImplementedError,
-)  # fmt: skip
-"""What numpy and zipfile raise for a damaged archive."""
 
 
 def write_frames(folder: Path, split: str, shards: list[FusionFrames]) -> Path:
@@ -44,13 +36,6 @@ def write_archive(path: Path, frames: FusionFrames) -> None:
     """Write one archive; equal frames give equal bytes. Raises InputError for arrays of another kind, and OSError."""
     check_frames(frames, str(path))
     write_arrays(path, {"places": np.array(frames.places, dtype=np.str_), **frames.get_arrays()})
-
-
-def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write an archive of arrays, compressed. Raises OSError."""
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    write_bytes(path, buffer.getvalue())
 
 
 def write_index(folder: Path, split: str, names: Sequence[str], about: Mapping[str, Any]) -> Path:
@@ -95,16 +80,7 @@ def _read_index(path: Path) -> list[str]:
 
 
 def _read_shard(path: Path) -> FusionFrames:
-    try:
-        content = read_bytes(path, MAX_ARCHIVE_BYTES)
-    except OSError as error:
-        raise InputError(f"{path}: expected an archive of fusion frames, found {error.strerror}") from None
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except _NPZ_ERRORS as error:
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: expected an archive of arrays, found a damaged one ({reason})") from None
+    arrays = read_arrays(path, "fusion frames")
     for name in ("places", *ARRAYS):
         if name not in arrays and name not in OPTIONAL:
             hint = "; frames need LiDAR scans" if name in ("cells", "scan") else ""

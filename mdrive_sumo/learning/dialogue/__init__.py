@@ -1,0 +1,1 @@
+"""A language model that negotiates: its dialogues, its network and its training."""

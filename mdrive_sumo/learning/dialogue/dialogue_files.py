@@ -1,0 +1,144 @@
+"""Dialogues on disk: a folder with `dialogues.json` and archives of arrays."""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import make_folder, write_text
+from mdrive_sumo.learning.array_files import read_arrays, write_arrays
+from mdrive_sumo.learning.dialogue.dialogue_samples import UNKNOWN, DialoguePairs, DialogueSamples
+from mdrive_sumo.learning.sample_format import SPLITS
+from mdrive_sumo.negotiation.dialogue.answers import MAX_MEMBERS
+from mdrive_sumo.negotiation.dialogue.decoder_shape import NEGOTIATOR
+from mdrive_sumo.v2x.messages import Intention
+
+FORMAT = "mdrive-sumo dialogues 1"
+INDEX_NAME, ARCHIVE_NAME = "dialogues.json", "dialogues-{:06d}.npz"
+PAIRS_NAME = "pairs-{}.npz"
+"""Of better and worse answers to equal prompts."""
+_ARCHIVE = re.compile(r"dialogues-\d{6}\.npz")
+_TYPES = {
+    "entries": np.uint16,
+    "answer_start": np.int16,
+    "head_end": np.int16,
+    "length": np.int16,
+    "ranks": np.int8,
+    "actions": np.int8,
+}
+
+
+def write_dialogues(
+    folder: Path, split: str, shards: Sequence[DialogueSamples], pairs: DialoguePairs | None = None
+) -> Path:
+    """Write a data set and return the path of its index. Raises OSError."""
+    make_folder(folder)
+    names = [ARCHIVE_NAME.format(i) for i in range(len(shards))]
+    for name, samples in zip(names, shards, strict=True):
+        _write_archive(folder / name, samples)
+    if pairs is not None:
+        _write_archive(folder / PAIRS_NAME.format("better"), pairs.better)
+        _write_archive(folder / PAIRS_NAME.format("worse"), pairs.worse)
+    index = {"format": FORMAT, "vocabulary": shards[0].vocabulary, "split": split, "shards": names}
+    write_text(folder / INDEX_NAME, json.dumps(index | {"has_pairs": pairs is not None}, indent=1) + "\n")
+    return folder / INDEX_NAME
+
+
+def _write_archive(path: Path, samples: DialogueSamples) -> None:
+    write_arrays(path, {"places": np.array(samples.places, dtype=np.str_), **samples.get_arrays()})
+
+
+def read_dialogues(folder: Path, vocabulary: str) -> DialogueSamples:
+    """Return all dialogues of a data set. vocabulary: digest of the one that they must have.
+
+    Raises InputError for what is missing, damaged or different.
+    """
+    index = _read_index(folder / INDEX_NAME, vocabulary)
+    return _concatenate([_read_archive(folder / name, vocabulary) for name in index["shards"]])
+
+
+def read_pairs(folder: Path, vocabulary: str) -> DialoguePairs:
+    """Return the pairs of a data set. Raises InputError as `read_dialogues`, also if it has none."""
+    if not _read_index(folder / INDEX_NAME, vocabulary).get("has_pairs"):
+        raise InputError(f"{folder}: expected pairs of better and worse answers, found none")
+    better, worse = (_read_archive(folder / PAIRS_NAME.format(which), vocabulary) for which in ("better", "worse"))
+    start = better.answer_start
+    same = len(better) == len(worse) and np.array_equal(start, worse.answer_start)
+    is_prompt = np.arange(NEGOTIATOR.context) < start[:, None]
+    if not same or ((better.entries != worse.entries) & is_prompt).any():
+        raise InputError(f"{folder}: expected pairs of answers to equal prompts, found other prompts")
+    return DialoguePairs(better, worse)
+
+
+def _read_index(path: Path, vocabulary: str) -> dict[str, Any]:
+    try:
+        index: Any = json.loads(read_bytes(path))
+    except OSError as error:
+        raise InputError(f"{path}: expected the index of dialogues, found {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: expected JSON, found an error: {error}") from None
+    if not isinstance(index, dict) or index.get("format") != FORMAT:
+        found = index.get("format") if isinstance(index, dict) else type(index).__name__
+        raise InputError(f"{path}: expected the format {FORMAT!r}, found {found!r:.60}")
+    if index.get("vocabulary") != vocabulary:
+        raise InputError(
+            f"{path}: expected dialogues in the vocabulary {vocabulary[:8]}..., found {index.get('vocabulary')!r:.12};"
+            " write them again with this version of mdrive-sumo"
+        )
+    if index.get("split") not in SPLITS:
+        raise InputError(f"{path}: split: expected one of {', '.join(SPLITS)}, found {index.get('split')!r:.40}")
+    names = index.get("shards")
+    if not isinstance(names, list) or not names:
+        raise InputError(f"{path}: shards: expected the names of one archive or more, found {names!r:.60}")
+    for name in names:
+        if not isinstance(name, str) or not _ARCHIVE.fullmatch(name):
+            raise InputError(f"{path}: shards: expected names such as dialogues-000000.npz, found {name!r:.60}")
+    return index
+
+
+def _read_archive(path: Path, vocabulary: str) -> DialogueSamples:
+    arrays = read_arrays(path, "dialogues")
+    for name in ("places", *_TYPES):
+        if name not in arrays:
+            raise InputError(f"{path}: expected an array {name}, found none")
+    places = arrays["places"]
+    if places.ndim != 1 or places.dtype.kind != "U":
+        raise InputError(f"{path}: places: expected names, found {places.dtype.name} {places.shape}")
+    sizes = {"entries": (NEGOTIATOR.context,), "ranks": (MAX_MEMBERS,), "actions": (MAX_MEMBERS,)}
+    for name, kind in _TYPES.items():
+        shape = (len(places), *sizes.get(name, ()))
+        if arrays[name].dtype != kind or arrays[name].shape != shape:
+            raise InputError(
+                f"{path}: {name}: expected {np.dtype(kind).name} {shape}, found {arrays[name].dtype.name}"
+                f" {arrays[name].shape}"
+            )
+    samples = DialogueSamples(vocabulary, tuple(places.tolist()), **{name: arrays[name] for name in _TYPES})
+    _check_numbers(path, samples)
+    return samples
+
+
+def _check_numbers(path: Path, samples: DialogueSamples) -> None:
+    """Raise InputError for numbers that would make the training fail in the middle."""
+    start, head, length = samples.answer_start, samples.head_end, samples.length
+    are_right = {
+        "entries": samples.entries < NEGOTIATOR.vocabulary,
+        "answer_start, head_end, length": (
+            (start > 0) & (start < head) & (head <= length) & (length <= NEGOTIATOR.context)
+        ),
+        "ranks": (samples.ranks >= UNKNOWN) & (samples.ranks < MAX_MEMBERS),
+        "actions": (samples.actions >= UNKNOWN) & (samples.actions < len(Intention)),
+    }
+    for name, is_right in are_right.items():
+        if not is_right.all():
+            row = int(np.argwhere(~is_right)[0][0])
+            raise InputError(f"{path}: {name}: expected numbers in their range, found others in row {row}")
+
+
+def _concatenate(shards: Sequence[DialogueSamples]) -> DialogueSamples:
+    arrays = {name: np.concatenate([shard.get_arrays()[name] for shard in shards]) for name in _TYPES}
+    return DialogueSamples(shards[0].vocabulary, tuple(place for shard in shards for place in shard.places), **arrays)
