@@ -25,7 +25,7 @@ from mdrive_sumo.learning.training.checkpoint import (
     load_whole_checkpoint,
 )
 from mdrive_sumo.learning.training.run_training import TrainingRun, run_training
-from mdrive_sumo.learning.training.trainer import CHOSEN_BY, Trainer
+from mdrive_sumo.learning.training.trainer import Trainer
 from mdrive_sumo.learning.training.training_curves import read_curves
 from mdrive_sumo.learning.training.training_data import TrainingData
 from mdrive_sumo.learning.training.training_options import TrainingOptions
@@ -140,11 +140,11 @@ def test_the_weights_with_the_least_validation_error_are_given_away(tmp_path: Pa
 
     def look(network: torch.nn.Module) -> dict[str, float]:
         states.append({name: each.clone() for name, each in network.state_dict().items()})
-        return {CHOSEN_BY: (3.0, 1.0, 2.0, 1.0)[len(states) - 1]}
+        return {Trainer.chosen_by: (3.0, 1.0, 2.0, 1.0)[len(states) - 1]}
 
     trainer.train(data, np.ones(4), tmp_path, look)
     assert len(states) == 4  # after three of the steps, and at the end
-    assert trainer.summary["best"] == {"step": 3, CHOSEN_BY: 1.0}
+    assert trainer.summary["best"] == {"step": 3, Trainer.chosen_by: 1.0}
     whole, weights = load_checkpoint(tmp_path), load_checkpoint(tmp_path / WEIGHTS_NAME)
     for name, expected in states[1].items():
         assert torch.equal(whole.chosen[name], expected) and torch.equal(weights.average[name], expected)

@@ -136,10 +136,11 @@ def write_onnx(
     outputs: list[str],
     path: Path,
     any_length: Mapping[str, Mapping[int, str]] | None = None,
+    is_halved: bool = True,
 ) -> None:
-    """Write a network with positional inputs as ONNX, its constants in half precision.
+    """Write a network with positional inputs as ONNX, its constants in half precision unless told otherwise.
 
-    sample: an input of each name, in order. any_length: names of the axes of inputs that may have any length.
+    sample: an input of each name, in order. any_length: names of the axes of arrays that may have any length.
     """
     with warnings.catch_warnings():
         # The exporter that needs nothing but `onnx` is the older one, and says so; tracing tells of constant shapes.
@@ -149,7 +150,8 @@ def write_onnx(
             input_names=list(sample), output_names=outputs, dynamic_axes=any_length,
         )  # fmt: skip
     model = onnx.load(str(path))
-    store_half(model)
+    if is_halved:
+        store_half(model)
     onnx.checker.check_model(model)
     onnx.save(model, str(path))
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -31,8 +31,6 @@ MOST_GRADIENT = 5.0
 """Longer gradients are shortened to it."""
 TELL_EVERY_S = 30.0
 """A step of a large network takes this long on a processor; progress is told no more rarely."""
-CHOSEN_BY = "validation/ade_3s_m"
-"""Name of the measured value that is least in the weights that are given away."""
 GLANCES = 10
 """Looks at the validation data in a run, for the curves."""
 
@@ -56,6 +54,9 @@ class _Session:
 
 class Trainer:
     """Network, its average, optimiser and random numbers of one run."""
+
+    chosen_by: ClassVar[str] = "validation/ade_3s_m"
+    """Name of the measured value that is least in the weights that are given away."""
 
     def __init__(
         self,
@@ -137,8 +138,8 @@ class Trainer:
         """Train until the steps or the minutes are used up; returns the last losses.
 
         data: what `_compute_losses` takes samples from, here `TrainingData`. shares: (M,) how often each sample is
-        drawn, 0: never. glance: measures the averaged network, GLANCES times; the weights with the least CHOSEN_BY are
-        given away, without such a value the last ones.
+        drawn, 0: never. glance: measures the averaged network, GLANCES times; the weights with the least `chosen_by`
+        are given away, without such a value the last ones.
         Raises InputError when the loss is no number; the last checkpoint stays. Raises KeyboardInterrupt after Ctrl-C,
         with a new checkpoint. The first step does not count as time.
         """
@@ -175,9 +176,9 @@ class Trainer:
         """Measure the averaged network, and remember it if it is the best so far."""
         found = glance(self.average.network)
         session.curves.add(self.step, found)
-        error = found.get(CHOSEN_BY)
-        if error is not None and (not self.best or error < self.summary["best"][CHOSEN_BY]):
-            self.summary["best"] = {"step": self.step, CHOSEN_BY: error}
+        error = found.get(self.chosen_by)
+        if error is not None and (not self.best or error < self.summary["best"][self.chosen_by]):
+            self.summary["best"] = {"step": self.step, self.chosen_by: error}
             self.best = {name: each.clone() for name, each in self.average.network.state_dict().items()}
 
     def _keep_time(self, session: _Session) -> None:

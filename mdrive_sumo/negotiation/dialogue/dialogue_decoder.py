@@ -38,17 +38,17 @@ class DialogueAnswer:
 class DialogueDecoder:
     """A loaded network. It has no state: all CAVs of a process share it."""
 
-    def __init__(self, manifest: "DialogueManifest", session: Any, vocabulary: DialogueVocabulary) -> None:
-        self.manifest = manifest
+    def __init__(self, shape: DecoderShape, session: Any, vocabulary: DialogueVocabulary) -> None:
+        self.shape = shape
         self.vocabulary = vocabulary
         self._session = session
-        self._entries = AnswerEntries.find(vocabulary)
-        self._no_past = np.zeros((0, *manifest.shape.cache_shape), np.float32)
+        self.entries = AnswerEntries.find(vocabulary)
+        self._no_past = np.zeros((0, *shape.cache_shape), np.float32)
 
     @property
     def longest_prompt(self) -> int:
         """Entries that a prompt may have, so that the longest answer still fits."""
-        return self.manifest.shape.context - MAX_ANSWER_ENTRIES
+        return self.shape.context - MAX_ANSWER_ENTRIES
 
     def answer(
         self,
@@ -66,13 +66,13 @@ class DialogueDecoder:
         prompt = self.vocabulary.encode_prompt(task, lines)
         if len(prompt) > self.longest_prompt:
             raise ValueError(f"prompt: expected at most {self.longest_prompt} entries, found {len(prompt)}")
-        grammar = AnswerGrammar(self._entries, task, letters, id_bytes, max_bytes, has_words and task == SAY)
-        written = self._write(prompt, grammar)
+        grammar = AnswerGrammar(self.entries, task, letters, id_bytes, max_bytes, has_words and task == SAY)
+        written = self.write(prompt, grammar)
         return DialogueAnswer(self.vocabulary.decode(written), len(prompt), len(written))
 
-    def _write(self, prompt: Sequence[int], grammar: AnswerGrammar) -> list[int]:
+    def write(self, prompt: Sequence[int], grammar: AnswerGrammar) -> list[int]:
         """Return the entries of an answer. Entries without a choice are read together with the next one chosen."""
-        cache = np.empty((self.manifest.shape.context, *self._no_past.shape[1:]), np.float32)
+        cache = np.empty((self.shape.context, *self._no_past.shape[1:]), np.float32)
         cached = 0
         unread = list(prompt)
         written: list[int] = []
@@ -113,7 +113,7 @@ def load_decoder(path: Path = WEIGHTS, vocabulary: DialogueVocabulary | None = N
             f"weights {file}: expected those of the vocabulary {vocabulary.digest[:8]}..., found those of"
             f" {manifest.vocabulary[:8]}...; train them with this version of mdrive-sumo"
         )
-    return DialogueDecoder(manifest, _open_session(file, manifest), vocabulary)
+    return DialogueDecoder(manifest.shape, _open_session(file, manifest), vocabulary)
 
 
 @lru_cache(maxsize=2)
