@@ -39,7 +39,9 @@ def compute_dialogue_losses(network: Any, batch: DialogueBatch) -> Mapping[str, 
 
 def compute_entry_losses(scores: Tensor, batch: DialogueBatch) -> Tensor:
     """Return the loss (B, T - 1) of each entry but the first, by scores (B, T - 1, vocabulary)."""
-    return functional.cross_entropy(scores.float().transpose(1, 2), batch.entries[:, 1:], reduction="none")
+    entries = batch.entries[:, 1:]
+    losses = functional.cross_entropy(scores.flatten(0, 1).float(), entries.flatten(), reduction="none")
+    return losses.reshape(entries.shape)
 
 
 def compute_field_loss(network: Any, features: Tensor, batch: DialogueBatch) -> Tensor:

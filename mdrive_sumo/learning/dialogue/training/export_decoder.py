@@ -2,6 +2,8 @@
 
 import hashlib
 import logging
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -48,6 +50,8 @@ class ExportedDecoder:
     """Largest difference of scores before rounding."""
     equal_heads: float
     """Share of the heads that rounding leaves as they are."""
+    message_ms: tuple[float, float]
+    """Median and 99th percentile of the processor time [ms] of an answer with its words."""
 
 
 def export_decoder(
@@ -70,7 +74,8 @@ def export_decoder(
         difference = max(_compare_scores(network, exact, samples, row) for row in rows[:4].tolist())
         quantise(exact, file)
         decoders = [_open_decoder(each, network.shape, load_vocabulary()) for each in (exact, file)]
-        heads = [[_answer_head(decoder, samples, row) for row in rows.tolist()] for decoder in decoders]
+        heads = [[_answer(decoder, samples, row, has_words=False) for row in rows.tolist()] for decoder in decoders]
+        message_ms = _time_answers(decoders[1], samples, rows.tolist())
     equal = float(np.mean([one == other for one, other in zip(*heads, strict=True)]))
     _check(file, difference, equal, least_equal)
     content = read_bytes(file)
@@ -81,10 +86,10 @@ def export_decoder(
         parameters=count_parameters(network),
         vocabulary=samples.vocabulary,
         shape=network.shape,
-        training=checkpoint.summary | {"equal_heads": equal},
+        training=checkpoint.summary | {"equal_heads": equal, "message_ms": list(message_ms)},
     )
     write_manifest(manifest, file.with_suffix(".json"))
-    return ExportedDecoder(file, file.with_suffix(".json"), difference, equal)
+    return ExportedDecoder(file, file.with_suffix(".json"), difference, equal, message_ms)
 
 
 def build_checkpoint_network(checkpoint: Checkpoint) -> DecoderNetwork:
@@ -148,12 +153,22 @@ def _compare_scores(network: DecoderNetwork, file: Path, samples: DialogueSample
     return float(np.abs(run_onnx(file, {"entries": entries[start:], "past": past})["scores"] - expected).max())
 
 
-def _answer_head(decoder: DialogueDecoder, samples: DialogueSamples, row: int) -> list[int]:
-    """Return the entries of an answer without its words."""
+def _answer(decoder: DialogueDecoder, samples: DialogueSamples, row: int, has_words: bool) -> list[int]:
+    """Return the entries of the answer to a prompt."""
     prompt = samples.entries[row, : samples.answer_start[row]].tolist()
     letters = LETTERS[: int((samples.ranks[row] != UNKNOWN).sum())]
-    grammar = AnswerGrammar(decoder.entries, prompt[0], letters, has_words=False)
+    grammar = AnswerGrammar(decoder.entries, prompt[0], letters, has_words=has_words)
     return decoder.write(prompt, grammar)
+
+
+def _time_answers(decoder: DialogueDecoder, samples: DialogueSamples, rows: Sequence[int]) -> tuple[float, float]:
+    """Return median and 99th percentile of the processor time [ms] of answers; each is written twice."""
+    times: list[float] = []
+    for row in (*rows, *rows):
+        began = time.process_time()
+        _answer(decoder, samples, row, has_words=True)
+        times.append(1e3 * (time.process_time() - began))
+    return float(np.median(times)), float(np.percentile(times, 99))
 
 
 def _check(file: Path, difference: float, equal: float, least_equal: float) -> None:
