@@ -83,7 +83,7 @@ def encode_dialogues(vocabulary: DialogueVocabulary, dialogues: Sequence[Dialogu
     """Return dialogues as arrays. Raises ValueError for an answer that the grammar does not allow, or a long one."""
     count = len(dialogues)
     entries = np.zeros((count, NEGOTIATOR.context), np.uint16)
-    bounds = np.zeros((3, count), np.int16)
+    answer_start, head_end, length = (np.zeros(count, np.int16) for _ in range(3))
     ranks = np.full((count, MAX_MEMBERS), UNKNOWN, np.int8)
     actions = np.full((count, MAX_MEMBERS), UNKNOWN, np.int8)
     known = AnswerEntries.find(vocabulary)
@@ -96,14 +96,16 @@ def encode_dialogues(vocabulary: DialogueVocabulary, dialogues: Sequence[Dialogu
             raise ValueError(f"dialogue {i}: expected at most {NEGOTIATOR.context} entries, found {len(whole)}")
         entries[i, : len(whole)] = whole
         head = answer.index(known.colon) if known.colon in answer else len(answer)
-        bounds[:, i] = len(prompt), len(prompt) + head, len(whole)
+        answer_start[i] = len(prompt)
+        head_end[i] = len(prompt) + head
+        length[i] = len(whole)
         order, by_member = _read_fields(dialogue)
         for rank, letter in enumerate(order):
             ranks[i, LETTERS.index(letter)] = rank
         for letter, action in by_member.items():
             actions[i, LETTERS.index(letter)] = int(action)
     places = tuple(dialogue.place for dialogue in dialogues)
-    return DialogueSamples(vocabulary.digest, places, entries, *bounds, ranks, actions)
+    return DialogueSamples(vocabulary.digest, places, entries, answer_start, head_end, length, ranks, actions)
 
 
 def _check_answer(known: AnswerEntries, dialogue: Dialogue, answer: Sequence[int]) -> None:

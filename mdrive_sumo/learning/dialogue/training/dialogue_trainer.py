@@ -89,13 +89,15 @@ class PreferenceTrainer(DialogueTrainer):
         assert isinstance(data, PairStore)
         self.network.train()
         with self._autocast():
-            kept = compute_dialogue_losses(self.network, better := data.better.take(rows))["total"]
-            likelihoods = [compute_answer_likelihood(self.network, each) for each in (better, data.worse.take(rows))]
-        before = data.better_before[rows], data.worse_before[rows]
-        preference = compute_preference_loss(*likelihoods, *before)
-        is_right = (likelihoods[0] - before[0] > likelihoods[1] - before[1]).float().mean()
+            better = data.better.take(rows)
+            kept = compute_dialogue_losses(self.network, better)["total"]
+            better_now = compute_answer_likelihood(self.network, better)
+            worse_now = compute_answer_likelihood(self.network, data.worse.take(rows))
+        better_before, worse_before = data.better_before[rows], data.worse_before[rows]
+        preference = compute_preference_loss(better_now, worse_now, better_before, worse_before)
+        preferred = (better_now - better_before > worse_now - worse_before).float().mean()
         total = preference + KEPT_WEIGHT * kept
-        return {"preference": preference, "kept": kept, "preferred": is_right, "total": total}
+        return {"preference": preference, "kept": kept, "preferred": preferred, "total": total}
 
 
 @dataclass(frozen=True, slots=True)

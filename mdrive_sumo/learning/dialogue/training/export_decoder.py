@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import onnx
@@ -79,6 +80,7 @@ def export_decoder(
     equal = float(np.mean([one == other for one, other in zip(*heads, strict=True)]))
     _check(file, difference, equal, least_equal)
     content = read_bytes(file)
+    summary: dict[str, Any] = checkpoint.summary | {"equal_heads": equal, "message_ms": [*message_ms]}
     manifest = DialogueManifest(
         system=SYSTEM,
         sha256=hashlib.sha256(content).hexdigest(),
@@ -86,7 +88,7 @@ def export_decoder(
         parameters=count_parameters(network),
         vocabulary=samples.vocabulary,
         shape=network.shape,
-        training=checkpoint.summary | {"equal_heads": equal, "message_ms": list(message_ms)},
+        training=summary,
     )
     write_manifest(manifest, file.with_suffix(".json"))
     return ExportedDecoder(file, file.with_suffix(".json"), difference, equal, message_ms)

@@ -27,7 +27,7 @@ from mdrive_sumo.negotiation.dialogue.dialogue_manifest import SYSTEM
 
 SAME_OPTIONS = ("seed", "batch")
 """Options that a run that goes on shares with its beginning."""
-Report = Callable[[str], None]
+Report = Callable[[str], object]
 
 
 @dataclass(frozen=True, slots=True)
