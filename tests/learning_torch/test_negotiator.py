@@ -137,7 +137,7 @@ def test_the_preference_loss_is_that_of_its_paper() -> None:
 
 def test_training_on_pairs_prefers_the_better_answers(trained: Path) -> None:
     pairs = build_synthetic_pairs(VOCABULARY, 4, 0)
-    options = TrainingOptions(steps=12, batch=4, learning_rate=2e-3, average_decay=0.5)
+    options = TrainingOptions(steps=16, batch=4, learning_rate=5e-3, average_decay=0.5)
     trainer = PreferenceTrainer(options, CPU, str, SMALL)
     trainer.begin_with(load_checkpoint(trained / "weights.pt", SYSTEM))
     store = trainer.prepare_pairs(pairs)
@@ -145,12 +145,12 @@ def test_training_on_pairs_prefers_the_better_answers(trained: Path) -> None:
     with torch.no_grad():
         first = trainer._compute_losses(store, rows)
     assert float(first["preference"]) == pytest.approx(math.log(2), rel=1e-4), "nothing has changed yet"
-    for step in range(12):
-        trainer._take_step(store, torch.ones(4), step / 12)
+    for step in range(16):
+        trainer._take_step(store, torch.ones(4), step / 16)
         trainer.step += 1
     with torch.no_grad():
         last = trainer._compute_losses(store, rows)
-    assert float(last["preference"]) < 0.66 and float(last["preferred"]) == 1.0
+    assert float(last["preference"]) < 0.6 and float(last["preferred"]) > 0.5
 
 
 def test_an_interrupted_training_ends_with_the_same_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

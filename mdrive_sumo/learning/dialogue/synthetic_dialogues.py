@@ -1,6 +1,6 @@
 """Made-up dialogues with a rule that can be learned from little: for tests, the smoke test and speed measurements.
 
-Nothing here is simulated: times are drawn, and whoever enters the shared area first passes first. The form of prompts
+Nothing here is simulated: times are drawn, and the first to enter the shared area passes first. The form of prompts
 is that of driving, so their lengths are too.
 """
 
@@ -11,7 +11,7 @@ from mdrive_sumo.learning.dialogue.dialogue_samples import Dialogue, DialoguePai
 from mdrive_sumo.negotiation.dialogue.answers import (
     LETTERS,
     Agreement,
-    Proposal,
+    OrderProposal,
     format_agreement,
     format_proposal,
 )
@@ -40,7 +40,7 @@ def draw_dialogue(seed: int, index: int, split: str = "train", most_members: int
     lines += [_describe_object(draw, letters) for _ in range(draw.randint(0, 4))]
     lines.append(f"traffic {draw.randint(0, 84)}")
     words = draw.choice(_REASONS).format(first=order[0])
-    proposal = format_proposal(Proposal("propose", order, action_by_member[me], words))
+    proposal = format_proposal(OrderProposal("propose", order, action_by_member[me], words))
     if task == SAY:
         answer = proposal
     else:

@@ -122,7 +122,7 @@ class AnswerGrammar:
         yield from self._write_order(self._entries.spaced_letters)
         yield self._entries.actions
         if self._has_words and self._bytes_left > 1:
-            yield np.sort((END, self._entries.colon))
+            yield np.sort((END, self._entries.colon), kind="stable")
             yield from self._write_words() if self._chosen != END else ()
         else:
             yield np.array((END,))
@@ -134,7 +134,7 @@ class AnswerGrammar:
             fitting = self._word_entries[self._word_bytes <= self._bytes_left]
             if not len(fitting):
                 break
-            yield np.sort(fitting) if not number else np.sort(np.append(fitting, END))
+            yield np.sort(fitting if not number else np.append(fitting, END), kind="stable")
             if self._chosen == END:
                 return
         yield np.array((END,))
@@ -151,7 +151,7 @@ class AnswerGrammar:
         left = list(self._letters)
         letters = first_letters
         while left:
-            yield np.sort([letters[letter] for letter in left])
+            yield np.sort([letters[letter] for letter in left], kind="stable")
             left = [letter for letter in left if letters[letter] != self._chosen]
             letters = self._entries.letters
             if left:

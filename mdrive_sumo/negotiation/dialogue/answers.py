@@ -27,7 +27,7 @@ _LETTER = re.compile(rf"(?<![A-Za-z])[{LETTERS}](?![A-Za-z])")
 
 
 @dataclass(frozen=True, slots=True)
-class Proposal:
+class OrderProposal:
     """One message of a member, in letters."""
 
     stance: str
@@ -58,13 +58,13 @@ def assign_letters(group: Sequence[str]) -> dict[str, str]:
     return dict(zip(sorted(group), LETTERS, strict=False))
 
 
-def format_proposal(proposal: Proposal) -> str:
+def format_proposal(proposal: OrderProposal) -> str:
     """Return the text that `parse_proposal` reads."""
     head = f"{proposal.stance} {'>'.join(proposal.order)} {ACTION_WORDS[proposal.action]}"
     return f"{head}: {proposal.words}" if proposal.words else head
 
 
-def parse_proposal(text: str, letters: str) -> Proposal:
+def parse_proposal(text: str, letters: str) -> OrderProposal:
     """Return the proposal of a member of the group with these letters. Raises ValueError with what is wrong."""
     match = _PROPOSAL.fullmatch(text)
     if match is None:
@@ -72,7 +72,7 @@ def parse_proposal(text: str, letters: str) -> Proposal:
     stance, order, action, words = match.groups(default="")
     if stance not in STANCES:
         raise ValueError(f"stance: expected one of {', '.join(STANCES)}, found {stance!r:.40}")
-    return Proposal(stance, _parse_order(order, letters), _parse_action(action), words.strip())
+    return OrderProposal(stance, _parse_order(order, letters), _parse_action(action), words.strip())
 
 
 def format_agreement(agreement: Agreement) -> str:

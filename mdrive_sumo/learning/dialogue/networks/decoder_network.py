@@ -1,5 +1,7 @@
 """DecoderNetwork: a causal transformer over the vocabulary of negotiations, small enough for one core."""
 
+import math
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -34,7 +36,8 @@ class DecoderNetwork(nn.Module):
         self.ranks = nn.Linear(shape.width, MAX_MEMBERS * MAX_MEMBERS)
         self.actions = nn.Linear(shape.width, MAX_MEMBERS * len(Intention))
         angles = torch.outer(
-            torch.arange(shape.context), ROTARY_BASE ** (-torch.arange(0, shape.head_width, 2) / shape.head_width)
+            torch.arange(shape.context),
+            torch.pow(ROTARY_BASE, -torch.arange(0, shape.head_width, 2) / shape.head_width),
         )
         self.register_buffer("cosines", angles.cos(), persistent=False)
         self.register_buffer("sines", angles.sin(), persistent=False)
@@ -127,8 +130,8 @@ class _Block(nn.Module):
         keys, values = everything[:, 0].permute(1, 2, 0), everything[:, 1].transpose(0, 1)
         group = self.shape.heads // self.shape.shared_heads
         queries = queries.reshape(size, self.shape.shared_heads, group, -1).permute(1, 2, 0, 3)
-        scores = (queries * self.shape.head_width**-0.5) @ keys[:, None] + bias
-        found = torch.softmax(scores, dim=-1) @ values[:, None]  # (shared heads, group, T, head width)
+        scores = torch.matmul(queries / math.sqrt(self.shape.head_width), keys[:, None]) + bias
+        found = torch.matmul(torch.softmax(scores, dim=-1), values[:, None])  # (shared heads, group, T, head width)
         features = features + self.attention_out(found.permute(2, 0, 1, 3).reshape(size, -1))
         return features + self._think(features), present
 

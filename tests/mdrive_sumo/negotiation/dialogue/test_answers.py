@@ -8,7 +8,7 @@ from mdrive_sumo.negotiation.dialogue.answers import (
     LETTERS,
     STANCES,
     Agreement,
-    Proposal,
+    OrderProposal,
     assign_letters,
     format_agreement,
     format_proposal,
@@ -26,7 +26,7 @@ ORDERS = st.integers(2, 8).flatmap(lambda count: st.permutations(LETTERS[:count]
 def test_a_proposal_is_read_as_it_was_written(
     order: tuple[str, ...], stance: str, action: Intention, words: str
 ) -> None:
-    proposal = Proposal(stance, order, action, words)
+    proposal = OrderProposal(stance, order, action, words)
     assert parse_proposal(format_proposal(proposal), "".join(sorted(order))) == proposal
 
 
