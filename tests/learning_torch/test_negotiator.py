@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from mdrive_sumo.learning.dialogue.synthetic_dialogues import (
     draw_dialogue,
 )
 from mdrive_sumo.learning.dialogue.training import export_decoder as exporting
+from mdrive_sumo.learning.dialogue.training import run_dialogue_training as running
 from mdrive_sumo.learning.dialogue.training.dialogue_losses import (
     compute_answer_likelihood,
     compute_dialogue_losses,
@@ -153,16 +155,32 @@ def test_training_on_pairs_prefers_the_better_answers(trained: Path) -> None:
     assert float(last["preference"]) < 0.6 and float(last["preferred"]) > 0.5
 
 
+class Stopped(Exception):
+    pass
+
+
 def test_an_interrupted_training_ends_with_the_same_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "GLANCES", 1)
     whole = load_checkpoint(run_dialogue_training(make_run(tmp_path / "whole", steps=4), str))
-    path = run_dialogue_training(make_run(tmp_path / "parts", steps=4), str)
-    half = load_checkpoint(path)
-    run_two = replace(make_run(tmp_path / "parts", steps=6), is_resumed=True)
-    assert half.step == 4 and load_checkpoint(run_dialogue_training(run_two, str)).step == 6
-    for name, values in whole.network.items():
-        assert torch.equal(values, half.network[name]), name
     assert whole.summary["vocabulary"] == VOCABULARY.digest and whole.summary["places"] == 4
+    part = make_run(tmp_path / "part", steps=4)
+    part = replace(part, options=replace(part.options, save_every_s=0.0))
+
+    def stop_in_the_third_step(line: str) -> None:
+        if line.startswith("step 3"):
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        run_dialogue_training(part, stop_in_the_third_step)
+    told: list[str] = []
+    resumed = load_checkpoint(run_dialogue_training(replace(part, is_resumed=True), told.append))
+    assert "going on from step 2" in told[0]
+    assert all(torch.equal(value, resumed.network[name]) for name, value in whole.network.items())
+    other = replace(part, is_resumed=True, options=replace(part.options, seed=5))
+    with pytest.raises(InputError, match="--seed: expected 0, as the training began, found 5"):
+        run_dialogue_training(other, str)
+    with pytest.raises(InputError, match="dialogues: expected 4, as the training began, found 3"):
+        run_dialogue_training(replace(part, is_resumed=True, data=draw_samples(3)), str)
 
 
 def test_weights_answer_in_8_bits_as_pytorch_does(trained: Path, tmp_path: Path) -> None:
@@ -240,8 +258,8 @@ def test_pairs_need_trained_weights_and_begin_anew(tmp_path: Path) -> None:
 
 def test_from_dialogues_and_pairs_to_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "GLANCES", 1)
-    monkeypatch.setattr(exporting, "LEAST_EQUAL", 0.0)
     monkeypatch.setattr(exporting.export_decoder, "__defaults__", (0.0,))  # one step teaches nothing
+    monkeypatch.setattr(running, "DialogueRun", partial(DialogueRun, shape=SMALL))
     write_dialogues(tmp_path / "train", "train", [draw_samples(2)], build_synthetic_pairs(VOCABULARY, 2, 0))
     write_dialogues(tmp_path / "val", "val", [draw_samples(2, "val")])
     data = ("--data", tmp_path / "train", "--val", tmp_path / "val", "--device", "cpu", "--steps", 1, "--batch", 1)
@@ -255,6 +273,6 @@ def test_from_dialogues_and_pairs_to_weights(tmp_path: Path, monkeypatch: pytest
     exported = run("export-negotiator", *weights)
     assert exported.exit_code == 0 and "ms of one core a message" in exported.output, exported.output
     decoder = load_decoder(tmp_path / "weights" / "negotiator.onnx")
-    assert decoder.shape == NEGOTIATOR
+    assert decoder.shape == SMALL
     dialogue = draw_dialogue(0, 0)
     assert decoder.answer(dialogue.task, dialogue.lines, dialogue.letters).written_entries > 4

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.onnx_weights import check_arrays, check_runtime, create_session, read_checked_weights
@@ -23,6 +24,11 @@ AGENT = "colmdriver"
 WEIGHTS = Path(__file__).parent / "weights" / "negotiator.onnx"
 """Packaged weights, the manifest beside them."""
 
+READ_AT_ONCE = 128
+"""Entries: no attention of early entries to late ones is computed, and it stays in the processor's cache. A prompt of 420
+entries takes 60 ms instead of 108 ms, one of 130 the same. Features are rounded by the range of each part, so another
+number could change an answer."""
+
 
 @dataclass(frozen=True, slots=True)
 class DialogueAnswer:
@@ -35,6 +41,26 @@ class DialogueAnswer:
     """Entries of the answer, the end included."""
 
 
+class _Reading:
+    """What the network remembers of the entries of one dialogue."""
+
+    def __init__(self, session: Any, shape: DecoderShape) -> None:
+        self._session = session
+        self._cache = np.empty((shape.context, *shape.cache_shape), np.float32)
+        self._cached = 0
+
+    def read(self, entries: Sequence[int]) -> npt.NDArray[np.float32]:
+        """Return the scores (vocabulary,) of the entry after these, which follow those read before."""
+        scores = np.zeros(0, np.float32)
+        for start in range(0, len(entries), READ_AT_ONCE):
+            part = np.array(entries[start : start + READ_AT_ONCE], np.int64)
+            inputs = {"entries": part, "past": self._cache[: self._cached]}
+            scores, present = self._session.run(["scores", "present"], inputs)
+            self._cache[self._cached : self._cached + len(part)] = present
+            self._cached += len(part)
+        return scores
+
+
 class DialogueDecoder:
     """A loaded network. It has no state: all CAVs of a process share it."""
 
@@ -43,7 +69,6 @@ class DialogueDecoder:
         self.vocabulary = vocabulary
         self._session = session
         self.entries = AnswerEntries.find(vocabulary)
-        self._no_past = np.zeros((0, *shape.cache_shape), np.float32)
 
     @property
     def longest_prompt(self) -> int:
@@ -72,20 +97,15 @@ class DialogueDecoder:
 
     def write(self, prompt: Sequence[int], grammar: AnswerGrammar) -> list[int]:
         """Return the entries of an answer. Entries without a choice are read together with the next one chosen."""
-        cache = np.empty((self.shape.context, *self._no_past.shape[1:]), np.float32)
-        cached = 0
+        reading = _Reading(self._session, self.shape)
         unread = list(prompt)
         written: list[int] = []
         while not grammar.is_complete:
+            entry = int(grammar.allowed[0])
             if len(grammar.allowed) > 1:
-                inputs = {"entries": np.array(unread), "past": cache[:cached]}
-                scores, present = self._session.run(["scores", "present"], inputs)
-                cache[cached : cached + len(unread)] = present
-                cached += len(unread)
-                unread = []
+                scores = reading.read(unread)
                 entry = int(grammar.allowed[np.argmax(scores[grammar.allowed])])
-            else:
-                entry = int(grammar.allowed[0])
+                unread = []
             grammar.advance(entry)
             unread.append(entry)
             written.append(entry)

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -49,7 +50,8 @@ class DialogueStore:
     def __init__(self, samples: DialogueSamples, device: torch.device) -> None:
         self.dialogues = len(samples)
         self.device = device
-        self._tensors = {name: torch.from_numpy(each).to(device) for name, each in samples.get_arrays().items()}
+        arrays = samples.get_arrays() | {"entries": samples.entries.view(np.int16)}  # GPUs do not index uint16
+        self._tensors = {name: torch.from_numpy(each).to(device) for name, each in arrays.items()}
 
     def take(self, rows: Tensor) -> DialogueBatch:
         """Return the dialogues at rows (B,)."""

@@ -8,7 +8,7 @@ import pytest
 from testing.tiny_negotiator import SHAPE, write_tiny_negotiator
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.negotiation.dialogue.dialogue_decoder import DialogueDecoder, load_decoder
+from mdrive_sumo.negotiation.dialogue.dialogue_decoder import READ_AT_ONCE, DialogueDecoder, load_decoder
 from mdrive_sumo.negotiation.dialogue.vocabulary import AGREE, ANSWER, SAY, load_vocabulary
 
 VOCABULARY = load_vocabulary()
@@ -94,3 +94,11 @@ def test_a_network_with_other_arrays_is_refused(tmp_path: Path) -> None:
     manifest.write_text(manifest.read_text().replace('"layers": 1', '"layers": 2'))
     with pytest.raises(InputError, match=r"'past': expected float32 \['positions', 2, 2, 1, 2\] of the negotiator"):
         load_decoder(path)
+
+
+def test_a_long_prompt_is_read_in_parts() -> None:
+    session = CountingSession()
+    lines = ["keep, " * 10] * 10
+    answer = DialogueDecoder(SHAPE, session, VOCABULARY).answer(AGREE, lines, "AB")
+    assert [len(entries) for entries in session.read[:2]] == [READ_AT_ONCE, answer.read_entries - READ_AT_ONCE]
+    assert session.past[:3] == [0, READ_AT_ONCE, answer.read_entries]
