@@ -25,9 +25,9 @@ WEIGHTS = Path(__file__).parent / "weights" / "negotiator.onnx"
 """Packaged weights, the manifest beside them."""
 
 READ_AT_ONCE = 128
-"""Entries: no attention of early entries to late ones is computed, and it stays in the processor's cache. A prompt of 420
-entries takes 60 ms instead of 108 ms, one of 130 the same. Features are rounded by the range of each part, so another
-number could change an answer."""
+"""Entries: no attention of early entries to late ones is computed, and it stays in the processor's cache. A prompt
+of 420 entries takes 60 ms instead of 108 ms, one of 130 the same. Features are rounded by the range of each part, so
+another number could change an answer."""
 
 
 @dataclass(frozen=True, slots=True)

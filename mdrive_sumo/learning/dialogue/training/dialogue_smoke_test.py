@@ -16,7 +16,7 @@ from mdrive_sumo.negotiation.dialogue.dialogue_manifest import SYSTEM
 from mdrive_sumo.negotiation.dialogue.vocabulary import load_vocabulary
 
 SMALL = DecoderShape(width=64, layers=2, heads=4, shared_heads=2, mlp_width=128)
-DIALOGUES, STEPS, BATCH = 8, 70, 8
+DIALOGUES, STEPS, BATCH = 8, 100, 8
 """Size of a run that takes seconds on one core."""
 LEAST_KNOWN = 0.9
 """Share of the heads that it must know in the end."""
