@@ -159,7 +159,10 @@ def build_card(card: str, measured: Mapping[str, Any]) -> str:
 
 def _build_detector_card(card: str, measured: Mapping[str, Any]) -> str:
     manifests = {
-        name: (read_manifest(WEIGHTS_FOLDER / f"{name}-encoder.json", WeightsManifest), read_manifest(WEIGHTS_FOLDER / f"{name}.json", WeightsManifest))
+        name: (
+            read_manifest(WEIGHTS_FOLDER / f"{name}-encoder.json", WeightsManifest),
+            read_manifest(WEIGHTS_FOLDER / f"{name}.json", WeightsManifest),
+        )
         for name in CARD_DETECTORS[card]
     }
     precisions: dict[str, DetectorSummary] = {}
