@@ -23,7 +23,7 @@ from mdrive_sumo.learning.dialogue.networks.decoder_network import CachedDecoder
 from mdrive_sumo.learning.dialogue.training.run_dialogue_training import check_vocabulary
 from mdrive_sumo.learning.networks.build_network import count_parameters
 from mdrive_sumo.learning.training.checkpoint import Checkpoint, take_weights
-from mdrive_sumo.learning.training.export_network import run_onnx, store_half, write_onnx
+from mdrive_sumo.learning.training.export_network import OnnxFile, find_largest, store_half, write_onnx
 from mdrive_sumo.negotiation.dialogue.answer_grammar import AnswerGrammar
 from mdrive_sumo.negotiation.dialogue.answers import LETTERS
 from mdrive_sumo.negotiation.dialogue.decoder_shape import DecoderShape
@@ -72,7 +72,8 @@ def export_decoder(
     with TemporaryDirectory() as drafts:
         exact = Path(drafts) / "exact.onnx"
         write_decoder(network, exact)
-        difference = max(_compare_scores(network, exact, samples, row) for row in rows[:4].tolist())
+        exact_file = OnnxFile(exact)
+        difference = find_largest(_compare_scores(network, exact_file, samples, row) for row in rows[:4].tolist())
         quantise(exact, file)
         decoders = [_open_decoder(each, network.shape, load_vocabulary()) for each in (exact, file)]
         heads = [[_answer(decoder, samples, row, has_words=False) for row in rows.tolist()] for decoder in decoders]
@@ -144,15 +145,15 @@ def _open_decoder(file: Path, shape: DecoderShape, vocabulary: DialogueVocabular
     return DialogueDecoder(shape, create_session(file, read_bytes(file), use_gpu=False)[1], vocabulary)
 
 
-def _compare_scores(network: DecoderNetwork, file: Path, samples: DialogueSamples, row: int) -> float:
+def _compare_scores(network: DecoderNetwork, file: OnnxFile, samples: DialogueSamples, row: int) -> float:
     """Return the largest difference of the scores after a dialogue that the file reads in two parts."""
-    entries = samples.entries[row, : samples.length[row]].astype(np.int64)
+    entries = torch.from_numpy(samples.entries[row, : samples.length[row]].astype(np.int64))
     with torch.no_grad():
-        expected = network.score(network(torch.from_numpy(entries)[None]))[0, -1].numpy()
+        expected = network.score(network(entries[None]))[0, -1].numpy()
     start = int(samples.answer_start[row])
-    nothing = np.zeros((0, *network.shape.cache_shape), np.float32)
-    past = run_onnx(file, {"entries": entries[:start], "past": nothing})["present"]
-    return float(np.abs(run_onnx(file, {"entries": entries[start:], "past": past})["scores"] - expected).max())
+    past = file.run({"entries": entries[:start], "past": torch.zeros(0, *network.shape.cache_shape)})["present"]
+    found = file.run({"entries": entries[start:], "past": torch.from_numpy(past)})["scores"]
+    return float(np.abs(found - expected).max())
 
 
 def _answer(decoder: DialogueDecoder, samples: DialogueSamples, row: int, has_words: bool) -> list[int]:
