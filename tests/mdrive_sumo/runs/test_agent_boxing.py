@@ -99,8 +99,9 @@ def test_a_boxed_agent_reads_nothing_of_the_suite_and_a_plain_one_does(folder: P
     plain, boxed = drive(folder), drive(folder, "--sandbox")
     assert len(stolen(plain)) > 100
     networks = [*SYSTEMS, *TRAINED, *(f"{name}-encoder" for name in TRAINED)]
-    data = [f"learned/weights/{name}.json" for name in networks] + ["memory_drives.npz"]  # public
-    assert set(stolen(boxed)) == {"/agent/config.json", *(f"/kit/mdrive_sumo/agents/{name}" for name in data)}
+    data = [f"agents/learned/weights/{name}.json" for name in networks]
+    data += ["agents/memory_drives.npz", "negotiation/dialogue/vocabulary.json"]  # public
+    assert set(stolen(boxed)) == {"/agent/config.json", *(f"/kit/mdrive_sumo/{name}" for name in data)}
     plain_results, boxed_results = (load_results(out / "results.json") for out in (plain, boxed))
     assert [one.digest for one in plain_results.scenarios] == [one.digest for one in boxed_results.scenarios]
     assert "unsandboxed" in plain_results.run.labels and "unsandboxed" not in boxed_results.run.labels
