@@ -31,7 +31,7 @@ def make_action_space(settings: EnvSettings) -> spaces.Space[Any]:
         control = spaces.Box(-1.0, 1.0, (CONTROL_WIDTH[settings.control],), np.float32)
     if not settings.message_bytes:
         return control
-    message = spaces.MultiDiscrete([256] * settings.message_bytes, dtype=np.uint8)
+    message = spaces.MultiDiscrete([256] * settings.message_bytes)
     return spaces.Dict({CONTROL: control, MESSAGE: message})
 
 

@@ -54,9 +54,11 @@ class LocalEpisodes(EpisodeStepper):
 class EpisodeProcess:
     """Episodes in a child process. Its methods raise LostProcessError if that has died, and what the child raises."""
 
-    def __init__(self, settings: EnvSettings) -> None:
+    def __init__(self, settings: EnvSettings, server: ForkServer | None = None) -> None:
+        """server: forks the process, and belongs to the caller; None: one of its own."""
         shape = describe_shape(settings, settings.slots)
-        self._server = ForkServer(serve_episodes)
+        self._owns_server = server is None
+        self._server = ForkServer(serve_episodes) if server is None else server
         memory = os.memfd_create("mdrive-sumo-slots")
         os.ftruncate(memory, count_bytes(shape))
         self.arrays = SlotArrays.lay_out(shape, mmap.mmap(memory, count_bytes(shape)))
@@ -103,7 +105,8 @@ class EpisodeProcess:
         """End the process; never raises."""
         self._connection.close()
         self._state.close()
-        self._server.end()
+        if self._owns_server:
+            self._server.end()
 
     def _send(self, words: bytes) -> None:
         try:

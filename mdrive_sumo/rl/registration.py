@@ -9,8 +9,4 @@ ENV_ID = "mdrive/interdrive-v0"
 def register_environments() -> None:
     """Register the environments. Call it once."""
     pettingzoo.register("parallel", ENV_ID, entry_point="mdrive_sumo.rl.parallel_env:ParallelDrivingEnv")
-    gymnasium.register(
-        ENV_ID,
-        entry_point="mdrive_sumo.rl.vehicle_env:VehicleEnv",
-        vector_entry_point="mdrive_sumo.rl.vector_env:VectorDrivingEnv",
-    )
+    gymnasium.register(ENV_ID, entry_point="mdrive_sumo.rl.vehicle_env:VehicleEnv")
