@@ -14,6 +14,9 @@ from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scoring import criteria
 from mdrive_sumo.scoring.metrics.collisions import INFRACTION_BY_KIND, find_new_contacts
 
+FIRST_TICKS = 1024
+"""Ticks for which there is room at first: most episodes are shorter, and the room doubles when it is full."""
+
 
 class DrivingReward:
     """The reward of one CAV."""
@@ -22,7 +25,9 @@ class DrivingReward:
         self._id = ego.id
         self._reference = criteria.build_route_reference(ego)
         self._progress = criteria.RouteProgress()
-        self._xy: list[tuple[float, float]] = []
+        self._xy = np.empty((FIRST_TICKS, 2))
+        """(ticks, 2) box centres [m] from tick 0 on; `_count` rows are filled."""
+        self._count = 0
         self._ticks: list[int] = []
         self._others: list[str] = []
         self._factors: list[float] = []
@@ -41,13 +46,16 @@ class DrivingReward:
         self._progress = criteria.update_progress(
             self._progress, self._reference, frame.tick, state.x, state.y, state.speed
         )
-        self._xy.append((state.x, state.y))
+        if self._count == len(self._xy):
+            self._xy = np.concatenate((self._xy, np.empty_like(self._xy)))
+        self._xy[self._count] = state.x, state.y
+        self._count += 1
         touched = [contact for contact in frame.contacts if contact.ego == self._id]
         if touched:
             self._ticks += [frame.tick] * len(touched)
             self._others += [contact.other for contact in touched]
             self._factors += [INFRACTION_BY_KIND[contact.kind][1] for contact in touched]
-            new = find_new_contacts(np.array(self._xy), self._ticks, self._others)
+            new = find_new_contacts(self._xy[: self._count], self._ticks, self._others)
             self._penalty = math.prod(self._factors[i] for i in new)
 
     def take_reward(self) -> float:

@@ -13,7 +13,8 @@ from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.runs.run_config import read_seed
 from mdrive_sumo.scenario.suite import load_suite
 
-VIEWS = ("own", "privileged")
+PRIVILEGED = "privileged"
+VIEWS = ("own", PRIVILEGED)
 """What an observation is made of: what the CAV's own sensors tell, or the true state of everything."""
 CONTROLS = ("pedals", "speed-offset", "anchors")
 """What an action is, see `driving_actions`."""
@@ -80,10 +81,8 @@ class EnvSettings:
     @cached_property
     def cav_ids(self) -> Mapping[str, tuple[str, ...]]:
         """Ids of the CAVs by id of scenario, both in the order of the files. Raises InputError."""
-        if self.scenarios:
-            written = [find_scenario(one, self.suite).scenario for one in self.scenarios]
-        else:
-            written = list(load_suite(self.suite))
+        suite = load_suite(self.suite)
+        written = [find_scenario(one, suite).scenario for one in self.scenarios] or list(suite)
         cav_ids = {one.id: tuple(ego.id for ego in one.egos) for one in written}
         short = [name for name, egos in cav_ids.items() if self.others and len(egos) <= self.learner]
         if short:

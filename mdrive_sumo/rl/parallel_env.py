@@ -86,7 +86,9 @@ class ParallelDrivingEnv(ParallelEnv[str, np.ndarray, Any]):
         arrays.asked[:] = 0
         for agent, action in actions.items():
             if agent not in self.agents:
-                raise InputError(f"step: expected actions of {', '.join(self.agents)}, found {agent!r:.40}: {self._why(agent)}")
+                raise InputError(
+                    f"step: expected actions of {', '.join(self.agents)}, found {agent!r:.40}: {self._why(agent)}"
+                )
             write_action(self.settings, action, self._slot_by_agent[agent], arrays, agent)
         scores = self._episodes.step()
         self._cycles += 1

@@ -7,6 +7,7 @@ import numpy as np
 from mdrive_sumo.contract import Briefing, OwnState
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.state import EgoState
 
 SEARCH_BACK, SEARCH_AHEAD = 3, 12
 """Route points, one a metre, among which the nearest one is searched: a tick at 60 m/s passes three, and a decision
@@ -32,16 +33,17 @@ class RouteCursor:
         cos, sin = portable.cos_sin(briefing.route_yaw)
         self._normals = np.stack((-sin, cos), axis=-1)
         self._points = list(zip(*(column.tolist() for column in (*self.xy.T, cos, sin, self.s)), strict=True))
-        self._index = 0
+        self.index = 0
+        """Of the nearest route point in the latest call of `locate`."""
 
-    def locate(self, own: OwnState) -> RoutePlace:
+    def locate(self, own: OwnState | EgoState) -> RoutePlace:
         """Return the place of a CAV; the search begins at that of the call before."""
         x, y, points = own.x, own.y, self._points
-        first = max(self._index - SEARCH_BACK, 0)
-        near = points[first : self._index + SEARCH_AHEAD + 1]
+        first = max(self.index - SEARCH_BACK, 0)
+        near = points[first : self.index + SEARCH_AHEAD + 1]
         squares = [(x - px) * (x - px) + (y - py) * (y - py) for px, py, _, _, _ in near]
-        self._index = first + squares.index(min(squares))
-        px, py, cos, sin, s = points[self._index]
+        self.index = first + squares.index(min(squares))
+        px, py, cos, sin, s = points[self.index]
         dx, dy = x - px, y - py
         own_cos, own_sin = portable.cos_sin(own.yaw)
         return RoutePlace(s + dx * cos + dy * sin, dy * cos - dx * sin, own_sin * cos - own_cos * sin)

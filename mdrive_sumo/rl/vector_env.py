@@ -35,7 +35,9 @@ class VectorDrivingEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
     def __init__(self, workers: int, **arguments: Unpack[EnvArguments]) -> None:
         """See EnvSettings for the arguments. Raises InputError."""
         if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= MOST_WORKERS:
-            raise InputError(f"environment: workers: expected an integer from 1 to {MOST_WORKERS}, found {workers!r:.40}")
+            raise InputError(
+                f"environment: workers: expected an integer from 1 to {MOST_WORKERS}, found {workers!r:.40}"
+            )
         self.settings = read_settings(arguments)
         self.workers, self._slots = workers, self.settings.slots
         self.num_envs = workers * self._slots
@@ -145,5 +147,3 @@ def _ask_step(process: EpisodeProcess) -> bool:
     except LostProcessError:
         return False
     return True
-
-

@@ -24,7 +24,7 @@ class VehicleEnv(gymnasium.Env[np.ndarray, Any]):
     }
 
     def __init__(self, *, own_process: bool = True, **arguments: Unpack[EnvArguments]) -> None:
-        """See `ParallelDrivingEnv`; `others` is `idm` unless it is given, `learner` the place of the CAV that learns."""
+        """See `ParallelDrivingEnv`; `others` is `idm` unless given, `learner` the place of the CAV that learns."""
         filled = cast(EnvArguments, {"others": OTHERS, **arguments})
         self._env = ParallelDrivingEnv(own_process=own_process, **filled)
         self.observation_space = cast(Any, self._env.observation_space(LEARNER))
