@@ -117,7 +117,7 @@ validate: install ## check every built-in scenario: starts, difficulty, feasibil
 	$(BIN)/mdrive-sumo validate $(WHOLE)
 
 # All extras but `learn`: evaluating needs no PyTorch, and .ci/run installs it apart for the tests of training.
-LOCKED := $(foreach extra,camera convert dask dev docs export learned notebook search server,--extra $(extra))
+LOCKED := $(foreach extra,camera convert dask dev docs export learned notebook rl search server,--extra $(extra))
 
 lock: ## pin all versions anew (needs uv)
 	uv pip compile pyproject.toml $(LOCKED) --universal --python-version 3.11 --generate-hashes \

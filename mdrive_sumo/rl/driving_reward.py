@@ -1,8 +1,9 @@
 """DrivingReward: the driving score of the protocol, as it grows from decision to decision.
 
-The potential of a CAV is RC x IP so far (mode `mdrive`), from 0 to 1, and a reward is the change of the potential. So the
-rewards of an episode add up to its driving score, as far as it is known while driving: route completion and collisions
-are; red lights, stop signs and lanes are found in finished episodes, whose score the infos of the last step hold.
+The potential of a CAV is RC x IP so far (mode `mdrive`), from 0 to 1, and a reward is the change of the potential. So
+the rewards of an episode add up to its driving score, as far as it is known while driving: route completion and
+collisions are; red lights, stop signs and lanes are found in finished episodes, whose score the infos of the last step
+hold.
 """
 
 import math

@@ -1,7 +1,7 @@
 """ObservationVector: one CAV's observation as numbers of about -1 to 1, in the CAV's own frame.
 
-The parts, in this order: the car itself (9), the route ahead (3 for each of `ROUTE_AHEAD_M`), the next light, stop sign and
-junction (8), the nearest road users (11 each), the messages of other CAVs (`message_slots`).
+The parts, in this order: the car itself (9), the route ahead (3 for each of `ROUTE_AHEAD_M`), the next light, stop sign
+and junction (8), the nearest road users (11 each), the messages of other CAVs (`message_slots`).
 """
 
 import math

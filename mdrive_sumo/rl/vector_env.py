@@ -1,7 +1,7 @@
 """VectorDrivingEnv: many scenarios at once in worker processes (Gymnasium's VectorEnv)."""
 
 import warnings
-from typing import Any, Unpack
+from typing import Any, Unpack, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -34,7 +34,7 @@ class VectorDrivingEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
 
     def __init__(self, workers: int, **arguments: Unpack[EnvArguments]) -> None:
         """See EnvSettings for the arguments. Raises InputError."""
-        if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= MOST_WORKERS:
+        if isinstance(workers, bool) or not isinstance(cast(object, workers), int) or not 1 <= workers <= MOST_WORKERS:
             raise InputError(
                 f"environment: workers: expected an integer from 1 to {MOST_WORKERS}, found {workers!r:.40}"
             )
@@ -101,7 +101,7 @@ class VectorDrivingEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
 
     def _write_actions(self, actions: Any) -> None:
         is_talking = self.settings.message_bytes > 0
-        columns = (actions[CONTROL], actions[MESSAGE]) if is_talking else (actions,)
+        columns = [actions[CONTROL], actions[MESSAGE]] if is_talking else [actions]
         if any(len(column) != self.num_envs for column in columns):
             raise InputError(f"step: expected {self.num_envs} actions, found {len(columns[0])}")
         for worker, process in enumerate(self._processes):
