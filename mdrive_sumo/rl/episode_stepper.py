@@ -232,5 +232,6 @@ class EpisodeStepper:
                 "end": str(record.ending.end),
                 "infractions": [one.kind for one in record.infractions if one.factor < 1.0],
                 "ticks": record.ending.tick,
+                "digest": episode.digest,
             }
         return infos
