@@ -19,6 +19,8 @@ from mdrive_sumo.rl.slot_arrays import SlotArrays, SlotShape, count_bytes
 from mdrive_sumo.runs.fork_server import ForkServer
 
 _STEP = b"step"
+START_LIMIT_S = 120.0
+"""Time in which the fork server imports and forks; a second on an idle machine."""
 
 
 class LostProcessError(MdriveError):
@@ -67,6 +69,9 @@ class EpisodeProcess:
         self._server.start_worker(theirs, state)
         theirs.close()
         state.close()
+        if not self._state.poll(START_LIMIT_S):
+            self.close()
+            raise LostProcessError(f"environment: expected its process to start within {START_LIMIT_S:g} s, found none")
         self.process_id: int = self._receive(self._state)
         """Of the child."""
         send_handle(self._connection, memory, self.process_id)

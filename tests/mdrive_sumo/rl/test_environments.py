@@ -1,10 +1,8 @@
-"""Environments with real episodes: the checks of PettingZoo and Gymnasium, and that they drive what `simulate` drives."""
+"""Environments with real episodes: the checks of PettingZoo and Gymnasium, and the episodes of `simulate`."""
 
 import os
 import signal
-import warnings
 from collections.abc import Generator
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -18,6 +16,7 @@ from testing.short_suite import make_short_suite
 import mdrive_sumo as md
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.rl import ParallelDrivingEnv, VectorDrivingEnv, VehicleEnv
 from mdrive_sumo.rl.registration import ENV_ID
 
@@ -33,7 +32,7 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def env(suite: str) -> Generator[ParallelDrivingEnv]:
-    made = ParallelDrivingEnv(suite=suite, scenarios=[SCENARIO], message_bytes=16, vary=False)
+    made = ParallelDrivingEnv(suite=suite, scenarios=[SCENARIO], message_bytes=16, vary=False, own_process=False)
     yield made
     made.close()
 
@@ -43,7 +42,7 @@ def _act(env: ParallelDrivingEnv, payload: int = 0) -> dict[str, Any]:
 
 
 def test_pettingzoo_accepts_the_environment(suite: str) -> None:
-    made = pettingzoo.make("parallel", ENV_ID, suite=suite, message_bytes=16)
+    made = pettingzoo.make("parallel", ENV_ID, suite=suite, scenarios=[SCENARIO], message_bytes=16, own_process=False)
     parallel_api_test(made, 60)  # pyright: ignore[reportArgumentType] - warnings are errors here
     made.close()
 
@@ -78,7 +77,7 @@ class _Steady:
 
 def test_an_episode_is_that_of_the_agent_with_the_same_controls(suite: str) -> None:
     """The digest of the episode is that of `simulate`, and the rewards add up to its score."""
-    made = ParallelDrivingEnv(suite=suite, scenarios=[SCENARIO], vary=False, ticks_per_decision=3)
+    made = ParallelDrivingEnv(suite=suite, scenarios=[SCENARIO], vary=False, ticks_per_decision=3, own_process=False)
     made.reset(seed=5)
     returns = dict.fromkeys(made.agents, 0.0)
     infos: dict[str, dict[str, Any]] = {}
@@ -109,7 +108,10 @@ def test_what_a_policy_says_reaches_the_others(env: ParallelDrivingEnv) -> None:
     [
         ({"cav_0": STEADY}, "step: action of cav_0: expected a dictionary with control and message, found an array"),
         ({"cav_0": {"control": STEADY[:1], "message": bytes(16)}}, "expected an array of shape (2,), found an array"),
-        ({"cav_0": {"control": STEADY * np.nan, "message": bytes(16)}}, "expected numbers in [-1, 1], found [nan, nan]"),
+        (
+            {"cav_0": {"control": STEADY * np.nan, "message": bytes(16)}},
+            "expected numbers in [-1, 1], found [nan, nan]",
+        ),
         ({"cav_0": {"control": STEADY * 3, "message": bytes(16)}}, "expected numbers in [-1, 1], found [1.2"),
         ({"cav_0": {"control": "left", "message": bytes(16)}}, "action of cav_0: expected numbers, found 'left'"),
         ({"cav_0": {"control": STEADY, "message": bytes(17)}}, "message: expected 16 bytes, found 17 bytes"),
@@ -128,11 +130,10 @@ def test_bad_actions_are_one_sentence(env: ParallelDrivingEnv, actions: dict[str
 
 def test_an_action_after_the_end_is_one_sentence(env: ParallelDrivingEnv) -> None:
     env.reset(seed=0)
-    while len(env.agents) == 4:
-        last = _act(env)
-        env.step(last)
-    with pytest.raises(InputError, match="it has ended"):
-        env.step(last)  # pyright: ignore[reportPossiblyUnboundVariable]
+    while "cav_0" in env.agents:
+        env.step({"cav_0": _act(env)["cav_0"]})  # the others stand
+    with pytest.raises(InputError, match="expected actions of cav_1, cav_2, cav_3, found 'cav_0': it has ended"):
+        env.step({"cav_0": {}})
     while env.agents:
         env.step(_act(env))
     with pytest.raises(InputError, match="found none; reset\\(\\) starts one"):
@@ -145,12 +146,12 @@ def test_an_unknown_scenario_is_one_sentence(env: ParallelDrivingEnv) -> None:
 
 
 def test_other_cavs_are_driven_by_an_agent(suite: str) -> None:
-    made = VehicleEnv(suite=suite, scenarios=[SCENARIO], control="anchors", learner=2, others="constant-speed")
+    made = VehicleEnv(suite=suite, scenarios=[SCENARIO], learner=2, others="constant-speed", own_process=False)
     observation, info = made.reset(seed=1)
     assert info["cav"] == "2"
     ended = False
     while not ended:
-        observation, _, ended, _, _ = made.step(np.int64(10))
+        observation, _, ended, _, _ = made.step(STEADY)
         assert made.observation_space.contains(observation)
     made.close()
 
@@ -161,6 +162,10 @@ def test_workers_drive_episodes_of_their_own_and_a_lost_one_is_replaced(suite: s
     assert first.shape == (8, made.single_observation_space.shape[0])
     assert infos["is_active"].all()
     assert not np.array_equal(first[:4], first[4:])
+    alone = ParallelDrivingEnv(suite=suite, scenarios=[SCENARIO], control="anchors", own_process=False)
+    of_worker, _ = alone.reset(seed=derive_seed(3, "rl-worker", "1"))
+    alone.close()
+    assert np.array_equal(first[4:], np.stack(list(of_worker.values())))
     scores: dict[int, Any] = {}
     while len(scores) < 8:
         observations, _, terminated, truncated, infos = made.step(np.full(8, 10))
@@ -174,24 +179,12 @@ def test_workers_drive_episodes_of_their_own_and_a_lost_one_is_replaced(suite: s
     assert not truncated[:4].any()
     assert not terminated[4:].any()
     assert infos["restarted"] == (1,)
-    with warnings.catch_warnings():
-        made.step(np.full(8, 10))
+    made.step(np.full(8, 10))
     with pytest.raises(InputError, match="step: expected 8 actions, found 7"):
         made.step(np.full(7, 10))
     made.close()
 
 
-def test_the_number_of_workers_changes_no_episode(suite: str) -> None:
-    firsts: list[np.ndarray] = []
-    for workers in (1, 2):
-        made = VectorDrivingEnv(workers, suite=suite, view="privileged")
-        made.reset(seed=3)
-        observations, *_ = made.step(np.tile(STEADY, (workers * 4, 1)))
-        firsts.append(observations[:4])
-        made.close()
-    assert np.array_equal(*firsts)
-
-
-def test_bad_number_of_workers(tmp_path: Path) -> None:
+def test_bad_number_of_workers() -> None:
     with pytest.raises(InputError, match="workers: expected an integer from 1 to 512, found 0"):
         VectorDrivingEnv(0)
