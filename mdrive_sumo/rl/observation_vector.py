@@ -51,7 +51,7 @@ class ObservationVector:
     ) -> None:
         """Write the numbers of an observation into `out` (`count_numbers`,).
 
-        own: state of the CAV, as it or as everybody knows it; users: the other road users, nearest first.
+        own: state of the CAV, as its instruments or the simulator have it; users: the other road users, nearest first.
         """
         place = self._cursor.locate(own)
         cos, sin = portable.cos_sin(own.yaw)
