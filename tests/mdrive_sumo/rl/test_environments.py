@@ -159,7 +159,8 @@ def test_other_cavs_are_driven_by_an_agent(suite: str) -> None:
 def test_workers_drive_episodes_of_their_own_and_a_lost_one_is_replaced(suite: str) -> None:
     made = VectorDrivingEnv(2, suite=suite, scenarios=[SCENARIO], control="anchors")
     first, infos = made.reset(seed=3)
-    assert first.shape == (8, *made.single_observation_space.shape)  # pyright: ignore[reportGeneralTypeIssues]
+    assert first.shape == made.observation_space.shape
+    assert len(first) == 8
     assert infos["is_active"].all()
     assert not np.array_equal(first[:4], first[4:])
     alone = ParallelDrivingEnv(suite=suite, scenarios=[SCENARIO], control="anchors", own_process=False)
