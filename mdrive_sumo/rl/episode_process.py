@@ -7,6 +7,7 @@ share; over the connection go single words, and infos when an episode begins or 
 import json
 import mmap
 import os
+import pickle
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
@@ -19,8 +20,9 @@ from mdrive_sumo.rl.slot_arrays import SlotArrays, SlotShape, count_bytes
 from mdrive_sumo.runs.fork_server import ForkServer
 
 _STEP = b"step"
+_READY = b"ready"
 START_LIMIT_S = 120.0
-"""Time in which the fork server imports and forks; a second on an idle machine."""
+"""Time in which the fork server imports and forks, and the process lays out its arrays; a second on an idle machine."""
 
 
 class LostProcessError(MdriveError):
@@ -69,14 +71,19 @@ class EpisodeProcess:
         self._server.start_worker(theirs, state)
         theirs.close()
         state.close()
-        if not self._state.poll(START_LIMIT_S):
+        try:
+            self._await(self._state)
+            self.process_id: int = self._receive(self._state)
+            """Of the child."""
+            send_handle(self._connection, memory, self.process_id)
+            self._send(pickle.dumps((settings, shape)))
+            self._await(self._connection)
+            self._receive(self._connection, is_pickled=False)
+        except MdriveError:
             self.close()
-            raise LostProcessError(f"environment: expected its process to start within {START_LIMIT_S:g} s, found none")
-        self.process_id: int = self._receive(self._state)
-        """Of the child."""
-        send_handle(self._connection, memory, self.process_id)
-        os.close(memory)
-        self._connection.send((settings, shape))
+            raise
+        finally:
+            os.close(memory)
 
     def reset(self, episode: EpisodeChoice) -> dict[int, SlotInfo]:
         """See EpisodeStepper."""
@@ -125,6 +132,11 @@ class EpisodeProcess:
         except (EOFError, OSError):
             raise LostProcessError(f"environment: its process has died{self._explain()}") from None
 
+    def _await(self, connection: Connection) -> None:
+        """Wait until the process says something. Raises LostProcessError if it takes longer than any start does."""
+        if not connection.poll(START_LIMIT_S):
+            raise LostProcessError(f"environment: expected its process to start within {START_LIMIT_S:g} s, found none")
+
     def _explain(self) -> str:
         reason = self._server.find_start_failure()
         return f": {reason}" if reason else ""
@@ -132,10 +144,13 @@ class EpisodeProcess:
 
 def serve_episodes(connection: Connection) -> None:
     """Serve an EpisodeProcess until it closes the connection."""
-    memory = recv_handle(connection)
-    settings, shape = _read_settings(connection)
-    arrays = SlotArrays.lay_out(shape, mmap.mmap(memory, count_bytes(shape)))
-    stepper = EpisodeStepper(settings, arrays)
+    try:
+        memory = recv_handle(connection)
+        settings, shape = _read_settings(connection)
+    except EOFError:  # it left before it had said anything
+        return
+    stepper = EpisodeStepper(settings, SlotArrays.lay_out(shape, mmap.mmap(memory, count_bytes(shape))))
+    connection.send_bytes(_READY)
     while True:
         try:
             words = connection.recv_bytes()
@@ -151,4 +166,4 @@ def serve_episodes(connection: Connection) -> None:
 
 
 def _read_settings(connection: Connection) -> tuple[EnvSettings, SlotShape]:
-    return connection.recv()
+    return pickle.loads(connection.recv_bytes())

@@ -46,7 +46,13 @@ class VectorDrivingEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._server = ForkServer(serve_episodes)
-        self._processes = [EpisodeProcess(self.settings, self._server) for _ in range(workers)]
+        self._processes: list[EpisodeProcess] = []
+        try:
+            while len(self._processes) < workers:
+                self._processes.append(EpisodeProcess(self.settings, self._server))
+        except LostProcessError:
+            self.close_extras()
+            raise
         self._numbers = [0] * workers
         self._seed = 0
 
