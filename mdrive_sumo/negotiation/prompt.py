@@ -26,7 +26,13 @@ _DIRECTION_TEXTS = {
     Direction.CHANGE_RIGHT: "changes to the lane on the right",
 }
 _SECTORS = ("ahead", "ahead left", "left", "behind left", "behind", "behind right", "right", "ahead right")
-_HEADINGS = ("in the same direction", "from right to left", "towards you", "from left to right")
+_MOVING = {
+    "same direction": "in the same direction",
+    "from right to left": "from right to left",
+    "towards": "towards you",
+    "from left to right": "from left to right",
+}
+"""Four directions of motion by their short names, counter-clockwise."""
 
 _RULES = """Traffic rules:
 - Who merges or changes lane gives way to who goes straight on.
@@ -87,13 +93,22 @@ def _format_utterances(said: Sequence[tuple[str, str]]) -> list[str]:
 def _describe_car(me: NegotiationMember, other: NegotiationMember) -> str:
     """Return a description of another car relative to the own one."""
     distance = portable.hypot(other.x - me.x, other.y - me.y)
-    bearing = wrap_angle(portable.atan2(other.y - me.y, other.x - me.x) - me.yaw)
-    sector = _SECTORS[round(bearing / (math.pi / 4)) % 8]
-    heading = _HEADINGS[round(wrap_angle(other.yaw - me.yaw) / (math.pi / 2)) % 4]
+    sector, heading = find_sector(me, other.x, other.y), _MOVING[find_heading(me, other.yaw)]
     return (
         f"car {other.id}: {distance:.1f} m {sector}, moving {heading}, {other.speed:.1f} m/s,"
         f" {_DIRECTION_TEXTS[other.direction]}, means to {other.intention.name}"
     )
+
+
+def find_sector(me: NegotiationMember, x: float, y: float) -> str:
+    """Return where a point [m] is, seen from a car: one of eight sectors."""
+    bearing = wrap_angle(portable.atan2(y - me.y, x - me.x) - me.yaw)
+    return _SECTORS[round(bearing / (math.pi / 4)) % 8]
+
+
+def find_heading(me: NegotiationMember, yaw: float) -> str:
+    """Return the direction of motion of another car with that heading [rad], seen from a car: a key of `_MOVING`."""
+    return tuple(_MOVING)[round(wrap_angle(yaw - me.yaw) / (math.pi / 2)) % 4]
 
 
 def clean_message(text: str) -> str:

@@ -138,6 +138,11 @@ class ObjectTracker:
         """Standard deviation [m] of each coordinate of the position by id, of the objects of the last update."""
         return self._tracks.get_position_sigmas()
 
+    @property
+    def sources(self) -> Mapping[str, str]:
+        """Station that told of an object by id, of those of the last update that the own sensor never saw."""
+        return self._tracks.get_sources()
+
     def _measure_messages(self, tick: int, own: OwnState) -> Iterator[Measurements]:
         """Yield what new messages report; every message is used once."""
         recent = range(tick - self._parameters.memory_ticks, tick + 1)  # a pose of the future is an error of its sender

@@ -107,6 +107,16 @@ class TrackList:
         names = _list_names(self._tracks, self._names.station_by_number)
         return dict(zip(names, np.sqrt(self._tracks["position"]).tolist(), strict=True))
 
+    def get_sources(self) -> Mapping[str, str]:
+        """Return the station that began a track by the id of the track, for those that the own sensor never saw."""
+        names = _list_names(self._tracks, self._names.station_by_number)
+        numbers, seen = self._tracks["number"].tolist(), self._tracks["seen_by_sensor"].tolist()
+        return {
+            name: self._names.source_by_number[number]
+            for name, number, is_seen in zip(names, numbers, seen, strict=True)
+            if not is_seen
+        }
+
     def build_objects(self, tick: int, own: OwnState) -> Objects:
         """Return the tracks that are confirmed or directly ahead as boxes, nearest first."""
         return list_objects(self._tracks, self._names.station_by_number, tick, own, self._parameters)
