@@ -1,12 +1,14 @@
-"""Build the vocabulary of the negotiator from the dialogues that it is trained on.
+"""Build the vocabulary of the negotiator from the words of its dialogues.
 
     python tools/build_vocabulary.py          # writes mdrive_sumo/negotiation/dialogue/vocabulary.json
 
-Until the grammars of wording are there, the dialogues are the made-up ones, and most entries stay free.
+The dialogues are about made-up situations: prompts and grammars of wording are the same as in real ones, and no
+simulation is needed. Weights and samples of another vocabulary are of no use.
 """
 
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.learning.dialogue.synthetic_dialogues import draw_dialogue
+from mdrive_sumo.learning.dialogue.wording import list_words
 from mdrive_sumo.negotiation.dialogue.decoder_shape import NEGOTIATOR
 from mdrive_sumo.negotiation.dialogue.vocabulary import (
     FIRST_MERGED,
@@ -17,14 +19,20 @@ from mdrive_sumo.negotiation.dialogue.vocabulary import (
 )
 
 DIALOGUES = 2000
-"""Read to count words; all words of the made-up ones are among the first hundreds."""
+"""Read to count words."""
+ROUNDS = 2
+"""The first vocabulary has no merges: prompts that are too long in it lose lines, those of the second do not."""
 
 
 def build_vocabulary() -> DialogueVocabulary:
     """Return the vocabulary; equal dialogues give equal ones."""
-    dialogues = [draw_dialogue(0, i) for i in range(DIALOGUES)]
-    texts = [text for dialogue in dialogues for text in (*dialogue.lines, dialogue.answer)]
-    return DialogueVocabulary(learn_merges(texts, NEGOTIATOR.vocabulary - FIRST_MERGED))
+    vocabulary = DialogueVocabulary(())
+    for _ in range(ROUNDS):
+        dialogues = [draw_dialogue(vocabulary, 0, i) for i in range(DIALOGUES)]
+        texts = [text for dialogue in dialogues for text in (*dialogue.lines, dialogue.answer)]
+        merges = learn_merges([*texts, *list_words()], NEGOTIATOR.vocabulary - FIRST_MERGED)
+        vocabulary = DialogueVocabulary(merges)
+    return vocabulary
 
 
 if __name__ == "__main__":

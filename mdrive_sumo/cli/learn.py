@@ -11,6 +11,7 @@ from mdrive_sumo.cli.learn_demonstrations import command as demonstrations_comma
 from mdrive_sumo.cli.learn_detectors import evaluate_command as evaluate_detectors_command
 from mdrive_sumo.cli.learn_detectors import export_command as export_detector_command
 from mdrive_sumo.cli.learn_detectors import train_command as train_detector_command
+from mdrive_sumo.cli.learn_dialogues import dialogues_command, situations_command
 from mdrive_sumo.cli.learn_negotiator import export_command as export_negotiator_command
 from mdrive_sumo.cli.learn_negotiator import train_command as train_negotiator_command
 from mdrive_sumo.cli.learn_scans import command as scans_command
@@ -107,5 +108,7 @@ command.add_command(export_command)
 command.add_command(train_detector_command)
 command.add_command(export_detector_command)
 command.add_command(evaluate_detectors_command)
+command.add_command(situations_command)
+command.add_command(dialogues_command)
 command.add_command(train_negotiator_command)
 command.add_command(export_negotiator_command)

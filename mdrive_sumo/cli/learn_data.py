@@ -23,15 +23,18 @@ EXPERT_HELP = "What drives, or gives the labels."
 PLACES_HELP = "Places of the scenarios; what is missing is drawn.  [default: places, beside --out]"
 
 
-def collection_options(expert: str) -> Callable[[Decorated], Decorated]:
-    """Return the options of commands that drive training scenarios; expert: the default of `--expert`."""
+def collection_options(expert: str | None) -> Callable[[Decorated], Decorated]:
+    """Return the options of commands that drive training scenarios.
+
+    expert: the default of `--expert`; None: there is no choice.
+    """
     number = click.IntRange(1, 1_000_000)
     options = (
         click.option(
             "--split", type=click.Choice(SPLITS), required=True, help="Places for training, validation, test."
         ),
         click.option("--scenarios", type=number, required=True, metavar="N", help="How many scenarios."),
-        click.option("--expert", type=click.Choice(EXPERTS), default=expert, show_default=True, help=EXPERT_HELP),
+        *_expert_option(expert),
         click.option("--out", type=FOLDER, required=True, help="Folder of the data set."),
         workers_option,
         click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all draws."),
@@ -46,6 +49,12 @@ def collection_options(expert: str) -> Callable[[Decorated], Decorated]:
         return command
 
     return decorate
+
+
+def _expert_option(expert: str | None) -> tuple[Callable[[Any], Any], ...]:
+    if expert is None:
+        return ()
+    return (click.option("--expert", type=click.Choice(EXPERTS), default=expert, show_default=True, help=EXPERT_HELP),)
 
 
 def run_collection(out: Path, fresh: bool, collect: Callable[[], Result]) -> Result:

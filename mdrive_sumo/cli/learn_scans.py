@@ -65,7 +65,9 @@ def command(
     settings = CollectionSettings(split, seed, expert, perturbation=0.0, suite=suite, places=folder)
     sampling = FrameSampling(SCAN_TICKS * round(interval_s * TICKS_PER_SECOND / SCAN_TICKS), least_cavs, least_others)
     found = run_collection(
-        out, fresh, lambda: collect_frames(settings, sampling, out, scenarios, workers, FrameDisplay(), fresh)
+        out,
+        fresh,
+        lambda: collect_frames(settings, sampling, out, scenarios, workers, ScenarioDisplay("frames"), fresh),
     )
     echo(format_frames(found))
     echo(f"{out}  {sum(one.samples > 0 for one in found.scenarios)} archives and frames.json")
@@ -88,10 +90,12 @@ def format_frames(found: FrameSet) -> str:
     return f"{format_text(totals)}\n{format_text(table)}"
 
 
-class FrameDisplay:
+class ScenarioDisplay:
     """Progress on standard error: one line per scenario."""
 
-    def __init__(self) -> None:
+    def __init__(self, noun: str) -> None:
+        """noun: what a scenario gives, in the plural."""
+        self._noun = noun
         self._total = self._done = self._frames = 0
         self._began = time.monotonic()
 
@@ -109,7 +113,7 @@ class FrameDisplay:
         self._frames += scenario.samples
         rate = self._frames / max(time.monotonic() - self._began, 1e-3)
         name = f"scenario {scenario.index}"
-        self.note(f"{self._done}/{self._total}  {name}: {scenario.samples} frames; {rate:.1f} frames/s")
+        self.note(f"{self._done}/{self._total}  {name}: {scenario.samples} {self._noun}; {rate:.1f} {self._noun}/s")
 
     def finish_shard(self, entry: ShardEntry) -> None:
         """See CollectionProgress: every scenario has an archive of its own."""

@@ -1,11 +1,13 @@
 """Drive one training scenario and build its samples, those before a CAV failed: they teach something."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdrive_sumo.contract import Briefing
+from mdrive_sumo.contract import Agent, Briefing
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
@@ -16,13 +18,16 @@ from mdrive_sumo.learning.recording_agent import RecordedDecision, RecordingAgen
 from mdrive_sumo.learning.sample_files import SampleFiles, encode_sample
 from mdrive_sumo.learning.sample_format import CollectedScenario, SampleAbout, format_key
 from mdrive_sumo.learning.scene_labels import Labels, SceneLabels
-from mdrive_sumo.loop import EpisodeConfig, SimulatedFrames, start_agents
+from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, SimulatedFrames, start_agents
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.loop.agent_scheduler import AgentScheduler
 from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records
+
+if TYPE_CHECKING:
+    from mdrive_sumo.sumo import SumoWorld
 
 
 @dataclass(frozen=True)
@@ -62,17 +67,36 @@ def drive_scenario(settings: CollectionSettings, scenario: Scenario, roads: Road
     config = EpisodeConfig(scenario, roads, seed)
     sensing_seed = config.sensor_context.seed
     agents = {ego.id: RecordingAgent(_build_setup(settings, seed, sensing_seed, ego.id)) for ego in scenario.egos}
-    drivers = {ego: LocalDriver(agent) for ego, agent in agents.items()}
-    with open_world(config) as world:
-        simulation = start_agents(config, SimulatedFrames(config, world), drivers)
-        scheduler = AgentScheduler(drivers, config.options.clock, (), simulation.fail_agent)
-        observations = simulation.reset()
-        while not simulation.is_done:
-            observations = simulation.step(scheduler.collect_replies(simulation.tick, observations))
-            for ego, reason in simulation.failed_agents.items():
-                raise WorldError(f"scenario {scenario.id}: the agent of {ego} failed: {reason}")
-    episode = simulation.finish()
+    with open_drive(config, agents) as drive:
+        while not drive.simulation.is_done:
+            drive.step()
+    episode, simulation = drive.simulation.finish(), drive.simulation
     return CollectedDrive(config, episode, simulation.briefings, [agent.decisions for agent in agents.values()])
+
+
+class LiveDrive:
+    """An episode in progress, tick by tick."""
+
+    def __init__(self, config: EpisodeConfig, world: "SumoWorld", agents: Mapping[str, Agent]) -> None:
+        self._drivers = {ego: LocalDriver(agent) for ego, agent in agents.items()}
+        self.simulation: EpisodeSimulation = start_agents(config, SimulatedFrames(config, world), self._drivers)
+        self._scheduler = AgentScheduler(self._drivers, config.options.clock, (), self.simulation.fail_agent)
+        self._observations = self.simulation.reset()
+        self._scenario = config.scenario.id
+
+    def step(self) -> None:
+        """Advance by one tick. Raises WorldError, also if an agent fails."""
+        simulation = self.simulation
+        self._observations = simulation.step(self._scheduler.collect_replies(simulation.tick, self._observations))
+        for ego, reason in simulation.failed_agents.items():
+            raise WorldError(f"scenario {self._scenario}: the agent of {ego} failed: {reason}")
+
+
+@contextmanager
+def open_drive(config: EpisodeConfig, agents: Mapping[str, Agent]) -> Iterator[LiveDrive]:
+    """Start an episode with an agent for each CAV; close its world afterwards. Raises WorldError."""
+    with open_world(config) as world:
+        yield LiveDrive(config, world, agents)
 
 
 def _build_setup(settings: CollectionSettings, seed: int, sensing_seed: int, ego: str) -> RecordingSetup:

@@ -25,8 +25,8 @@ _DIRECTION_TEXTS = {
     Direction.CHANGE_LEFT: "changes to the lane on the left",
     Direction.CHANGE_RIGHT: "changes to the lane on the right",
 }
-_SECTORS = ("ahead", "ahead left", "left", "behind left", "behind", "behind right", "right", "ahead right")
-_MOVING = {
+SECTORS = ("ahead", "ahead left", "left", "behind left", "behind", "behind right", "right", "ahead right")
+HEADINGS = {
     "same direction": "in the same direction",
     "from right to left": "from right to left",
     "towards": "towards you",
@@ -93,7 +93,7 @@ def _format_utterances(said: Sequence[tuple[str, str]]) -> list[str]:
 def _describe_car(me: NegotiationMember, other: NegotiationMember) -> str:
     """Return a description of another car relative to the own one."""
     distance = portable.hypot(other.x - me.x, other.y - me.y)
-    sector, heading = find_sector(me, other.x, other.y), _MOVING[find_heading(me, other.yaw)]
+    sector, heading = find_sector(me, other.x, other.y), HEADINGS[find_heading(me, other.yaw)]
     return (
         f"car {other.id}: {distance:.1f} m {sector}, moving {heading}, {other.speed:.1f} m/s,"
         f" {_DIRECTION_TEXTS[other.direction]}, means to {other.intention.name}"
@@ -103,12 +103,12 @@ def _describe_car(me: NegotiationMember, other: NegotiationMember) -> str:
 def find_sector(me: NegotiationMember, x: float, y: float) -> str:
     """Return where a point [m] is, seen from a car: one of eight sectors."""
     bearing = wrap_angle(portable.atan2(y - me.y, x - me.x) - me.yaw)
-    return _SECTORS[round(bearing / (math.pi / 4)) % 8]
+    return SECTORS[round(bearing / (math.pi / 4)) % 8]
 
 
 def find_heading(me: NegotiationMember, yaw: float) -> str:
-    """Return the direction of motion of another car with that heading [rad], seen from a car: a key of `_MOVING`."""
-    return tuple(_MOVING)[round(wrap_angle(yaw - me.yaw) / (math.pi / 2)) % 4]
+    """Return the direction of motion of another car with that heading [rad], seen from a car: a key of `HEADINGS`."""
+    return tuple(HEADINGS)[round(wrap_angle(yaw - me.yaw) / (math.pi / 2)) % 4]
 
 
 def clean_message(text: str) -> str:

@@ -11,6 +11,8 @@ they tell of is believed at once, and kept for longer.
 
 from collections.abc import Iterable, Iterator, Mapping
 
+import numpy as np
+
 from mdrive_sumo.contract import Briefing, Message, Note, Objects, Observation, OwnState
 from mdrive_sumo.contract.detector_profiles import PROFILES
 from mdrive_sumo.core.state import DT
@@ -25,6 +27,7 @@ from mdrive_sumo.perception.tracking_parameters import ETSI_TRACKING, TRACKING, 
 from mdrive_sumo.v2x.messages import CAM, CPM, DENM, MCM, Cam, Content, Cpm, Denm, Mcm
 from mdrive_sumo.v2x.shared_reading import decode_shared, find_shared_problem
 
+NO_OBJECTS = Objects((), np.zeros(0, np.uint8), *(np.zeros(0) for _ in range(6)))
 KINDS = (CAM, CPM, MCM, DENM)
 """Types of messages that report positions."""
 
@@ -52,6 +55,8 @@ class ObjectTracker:
         self._told_tick: dict[tuple[str, str], int] = {}
         """(station, name there) -> tick of the pose of the last CPM with that object, if they accumulate."""
         self._tick: int | None = None
+        self.objects = NO_OBJECTS
+        """What the last update returned."""
 
     def receive(self, messages: Iterable[Message]) -> tuple[Note, ...]:
         """Store messages until the next update; return notes about unreadable ones."""
@@ -125,7 +130,8 @@ class ObjectTracker:
         for reported in self._measure_messages(tick, seen.own):
             self._tracks.add(tick, reported)
         self._tracks.end_update(tick)
-        return self._tracks.build_objects(tick, seen.own)
+        self.objects = self._tracks.build_objects(tick, seen.own)
+        return self.objects
 
     def drop_source(self, sender: str) -> None:
         """Forget what only that station has reported, as it is not believed any more."""

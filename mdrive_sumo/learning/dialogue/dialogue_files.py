@@ -1,8 +1,7 @@
 """Dialogues on disk: a folder with `dialogues.json` and archives of arrays."""
 
 import json
-import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,8 @@ from mdrive_sumo.v2x.messages import Intention
 
 FORMAT = "mdrive-sumo dialogues 1"
 INDEX_NAME, ARCHIVE_NAME = "dialogues.json", "dialogues-{:06d}.npz"
-PAIRS_NAME = "pairs-{}.npz"
+PAIRS_NAME = "pairs-{}-{:06d}.npz"
 """Of better and worse answers to equal prompts."""
-_ARCHIVE = re.compile(r"dialogues-\d{6}\.npz")
 _TYPES = {
     "entries": np.uint16,
     "answer_start": np.int16,
@@ -36,17 +34,37 @@ _TYPES = {
 def write_dialogues(
     folder: Path, split: str, shards: Sequence[DialogueSamples], pairs: DialoguePairs | None = None
 ) -> Path:
-    """Write a data set and return the path of its index. Raises OSError."""
+    """Write a whole data set and return the path of its index. Raises OSError."""
     make_folder(folder)
-    names = [ARCHIVE_NAME.format(i) for i in range(len(shards))]
-    for name, samples in zip(names, shards, strict=True):
-        _write_archive(folder / name, samples)
+    for number, samples in enumerate(shards):
+        write_shard(folder, number, samples)
     if pairs is not None:
-        _write_archive(folder / PAIRS_NAME.format("better"), pairs.better)
-        _write_archive(folder / PAIRS_NAME.format("worse"), pairs.worse)
-    index = {"format": FORMAT, "vocabulary": shards[0].vocabulary, "split": split, "shards": names}
-    write_text(folder / INDEX_NAME, json.dumps(index | {"has_pairs": pairs is not None}, indent=1) + "\n")
+        write_pairs(folder, 0, pairs)
+    return write_index(folder, split, shards[0].vocabulary, range(len(shards)), [] if pairs is None else [0])
+
+
+def write_shard(folder: Path, number: int, samples: DialogueSamples) -> None:
+    """Write an archive of dialogues. Raises OSError."""
+    _write_archive(folder / ARCHIVE_NAME.format(number), samples)
+
+
+def write_pairs(folder: Path, number: int, pairs: DialoguePairs) -> None:
+    """Write archives of pairs. Raises OSError."""
+    for which in ("better", "worse"):
+        _write_archive(folder / PAIRS_NAME.format(which, number), getattr(pairs, which))
+
+
+def write_index(folder: Path, split: str, vocabulary: str, shards: Iterable[int], pairs: Iterable[int]) -> Path:
+    """Write the index of the archives with these numbers and return its path. Raises OSError."""
+    about = {"format": FORMAT, "vocabulary": vocabulary, "split": split, "shards": [*shards], "pairs": [*pairs]}
+    write_text(folder / INDEX_NAME, json.dumps(about, indent=1) + "\n")
     return folder / INDEX_NAME
+
+
+def remove_dialogues(folder: Path) -> None:
+    """Remove what an earlier command wrote. Raises OSError."""
+    for path in [folder / INDEX_NAME, *folder.glob("dialogues-*.npz"), *folder.glob("pairs-*.npz")]:
+        path.unlink(missing_ok=True)
 
 
 def _write_archive(path: Path, samples: DialogueSamples) -> None:
@@ -58,15 +76,19 @@ def read_dialogues(folder: Path, vocabulary: str) -> DialogueSamples:
 
     Raises InputError for what is missing, damaged or different.
     """
-    index = _read_index(folder / INDEX_NAME, vocabulary)
-    return _concatenate([_read_archive(folder / name, vocabulary) for name in index["shards"]])
+    numbers = _read_index(folder / INDEX_NAME, vocabulary)["shards"]
+    return _concatenate([_read_archive(folder / ARCHIVE_NAME.format(number), vocabulary) for number in numbers])
 
 
 def read_pairs(folder: Path, vocabulary: str) -> DialoguePairs:
     """Return the pairs of a data set. Raises InputError as `read_dialogues`, also if it has none."""
-    if not _read_index(folder / INDEX_NAME, vocabulary).get("has_pairs"):
+    numbers = _read_index(folder / INDEX_NAME, vocabulary)["pairs"]
+    if not numbers:
         raise InputError(f"{folder}: expected pairs of better and worse answers, found none")
-    better, worse = (_read_archive(folder / PAIRS_NAME.format(which), vocabulary) for which in ("better", "worse"))
+    better, worse = (
+        _concatenate([_read_archive(folder / PAIRS_NAME.format(which, number), vocabulary) for number in numbers])
+        for which in ("better", "worse")
+    )
     start = better.answer_start
     same = len(better) == len(worse) and np.array_equal(start, worse.answer_start)
     is_prompt = np.arange(NEGOTIATOR.context) < start[:, None]
@@ -92,12 +114,12 @@ def _read_index(path: Path, vocabulary: str) -> dict[str, Any]:
         )
     if index.get("split") not in SPLITS:
         raise InputError(f"{path}: split: expected one of {', '.join(SPLITS)}, found {index.get('split')!r:.40}")
-    names = index.get("shards")
-    if not isinstance(names, list) or not names:
-        raise InputError(f"{path}: shards: expected the names of one archive or more, found {names!r:.60}")
-    for name in names:
-        if not isinstance(name, str) or not _ARCHIVE.fullmatch(name):
-            raise InputError(f"{path}: shards: expected names such as dialogues-000000.npz, found {name!r:.60}")
+    for name, least in (("shards", 1), ("pairs", 0)):
+        found: Any = index.get(name)
+        numbers: list[Any] = found if isinstance(found, list) else []
+        is_right = isinstance(found, list) and len(numbers) >= least
+        if not is_right or not all(type(number) is int and 0 <= number < 10**6 for number in numbers):
+            raise InputError(f"{path}: {name}: expected the numbers of archives, found {found!r:.60}")
     return index
 
 

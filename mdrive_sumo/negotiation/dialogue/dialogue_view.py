@@ -4,7 +4,7 @@ MCMs tell all members the same about each other. What holds a member up, what it
 show, and the rules at its junction are known to it alone until it says so.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -144,15 +144,21 @@ class OwnKnowledge:
 
     @classmethod
     def gather(
-        cls, briefing: Briefing, seen: Observation, s: float, reason: Reason, tracker: ObjectTracker, objects: Objects
+        cls, briefing: Briefing, seen: Observation, s: float, reason: Reason, tracker: ObjectTracker
     ) -> "OwnKnowledge":
-        """Return what a CAV knows in a tick. s: arc length [m] of its box centre along its route; objects: those that
-        its tracker returned last."""
-        junctions = [one.kind for one in briefing.junctions if one.exit_s > s and one.entry_s < s + RULES_WITHIN_M]
+        """Return what a CAV knows in a tick. s: arc length [m] of its box centre along its route; tracker: updated."""
+        ahead: Iterator[JunctionKind] = (
+            one.kind for one in briefing.junctions if one.exit_s > s and one.entry_s < s + RULES_WITHIN_M
+        )
         lights = [one.id for one in briefing.traffic_lights if s - 1.0 < one.s < s + RULES_WITHIN_M]
-        light = seen.signals.get(lights[0], "") if lights else ""
-        sources, sigmas = tracker.sources, tracker.position_sigmas
-        return cls(objects, reason, sources, sigmas, junctions[0] if junctions else None, light)
+        return cls(
+            objects=tracker.objects,
+            reason=reason,
+            sources=tracker.sources,
+            sigmas=tracker.position_sigmas,
+            junction=next(ahead, None),
+            light=seen.signals.get(lights[0], "") if lights else "",
+        )
 
 
 def build_dialogue_view(
