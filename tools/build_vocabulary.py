@@ -18,7 +18,7 @@ from mdrive_sumo.negotiation.dialogue.vocabulary import (
     learn_merges,
 )
 
-DIALOGUES = 2000
+DIALOGUES = 700
 """Read to count words."""
 ROUNDS = 2
 """The first vocabulary has no merges: prompts that are too long in it lose lines, those of the second do not."""

@@ -191,7 +191,7 @@ def test_weights_answer_in_8_bits_as_pytorch_does(trained: Path, tmp_path: Path)
     exported = export_decoder(checkpoint, path, samples, tmp_path)
     assert exported.difference < 1e-3 and exported.equal_heads >= 0.97 and exported.message_ms[0] > 0
     decoder = load_decoder(exported.network)
-    dialogues = [draw_dialogue(0, i, most_members=2) for i in range(8)]
+    dialogues = [draw_dialogue(VOCABULARY, 0, i, most_members=2) for i in range(8)]
     answers = [decoder.answer(each.task, each.lines, each.letters, has_words=False).text for each in dialogues]
     right = [one.answer.startswith(answer) for one, answer in zip(dialogues, answers, strict=True)]
     assert sum(right) >= 7
@@ -274,5 +274,5 @@ def test_from_dialogues_and_pairs_to_weights(tmp_path: Path, monkeypatch: pytest
     assert exported.exit_code == 0 and "ms of one core a message" in exported.output, exported.output
     decoder = load_decoder(tmp_path / "weights" / "negotiator.onnx")
     assert decoder.shape == SMALL
-    dialogue = draw_dialogue(0, 0)
+    dialogue = draw_dialogue(VOCABULARY, 0, 0)
     assert decoder.answer(dialogue.task, dialogue.lines, dialogue.letters).written_entries > 4

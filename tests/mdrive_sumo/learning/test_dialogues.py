@@ -48,13 +48,11 @@ def test_fields_and_bounds_of_a_proposal_and_an_agreement() -> None:
     assert samples.entries[0, length - 1] == END and samples.head_end[1] == samples.length[1]
 
 
-def test_the_first_to_enter_passes_first_in_made_up_dialogues() -> None:
-    dialogue = draw_dialogue(3, 0)
-    entry = {
-        line.removeprefix("me ")[0]: line.split("zone ")[1].split()[0] for line in dialogue.lines if "zone" in line
-    }
-    order = ">".join(sorted(entry, key=lambda letter: float(entry[letter])))
-    assert order in dialogue.answer and draw_dialogue(3, 0) == dialogue != draw_dialogue(3, 0, "val")
+def test_made_up_dialogues_depend_on_seed_index_and_split_only() -> None:
+    dialogue = draw_dialogue(VOCABULARY, 3, 0)
+    assert draw_dialogue(VOCABULARY, 3, 0) == dialogue
+    others = [draw_dialogue(VOCABULARY, 4, 0), draw_dialogue(VOCABULARY, 3, 1), draw_dialogue(VOCABULARY, 3, 0, "val")]
+    assert dialogue not in others
 
 
 @pytest.mark.parametrize("answer", ["propose A>B fly", "propose A>C keep", "propose A>B keep: [x]", "B>A keep keep 90"])
@@ -114,10 +112,11 @@ def test_arrays_of_another_kind_are_a_sentence(
         ({"format": "words"}, "expected the format 'mdrive-sumo dialogues 1', found 'words'"),
         ({"vocabulary": "ab"}, "expected dialogues in the vocabulary"),
         ({"split": "exam"}, "split: expected one of train, val, test, found 'exam'"),
-        ({"shards": []}, "shards: expected the names of one archive or more"),
-        ({"shards": ["../secrets.npz"]}, "shards: expected names such as dialogues-000000.npz"),
-        ({"shards": ["dialogues-000009.npz"]}, "expected an archive of dialogues, found"),
-        ({"has_pairs": False}, "expected pairs of better and worse answers, found none"),
+        ({"shards": []}, "shards: expected the numbers of archives, found .]"),
+        ({"shards": ["../secrets.npz"]}, "shards: expected the numbers of archives, found .'../secrets.npz'"),
+        ({"shards": [9]}, "dialogues-000009.npz: expected an archive of dialogues, found"),
+        ({"pairs": [-1]}, "pairs: expected the numbers of archives, found .-1]"),
+        ({"pairs": []}, "expected pairs of better and worse answers, found none"),
     ],
 )
 def test_an_index_of_another_kind_is_a_sentence(
