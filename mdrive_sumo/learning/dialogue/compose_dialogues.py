@@ -1,4 +1,4 @@
-"""Conversations about situations: who says what, what is agreed, and the requests to the model that come of them.
+"""Conversations about situations: what members say, what they agree on, and the requests to the model that come of it.
 
 Facts come from the simulation, except *made-up holds*: in some conversations something that only one member knows of
 holds it up, so that it has to pass later. There the words decide the order, and no message tells it but the words.
@@ -56,11 +56,11 @@ class DialogueShares:
     """How often things happen in a conversation. All chosen."""
 
     made_up: float = 0.45
-    """Somebody is held up by something made up."""
+    """A member is held up by something made up."""
     second_made_up: float = 0.25
     """Of these: two members are."""
     modest: float = 0.4
-    """Who is held up says so in words only and leaves the order to the others; that message is not learned."""
+    """A member that is held up says so in words only and leaves the order to others; that message is not learned."""
     silent: float = 0.05
     """A member's message is lost."""
     mistaken: float = 0.1
@@ -75,7 +75,7 @@ SHARES = DialogueShares()
 
 
 @dataclass
-class Conversation:
+class DialogueDraft:
     """A conversation while it is made."""
 
     situation: Situation
@@ -136,17 +136,17 @@ def begin_conversation(
     vocabulary: DialogueVocabulary,
     is_held_out: bool,
     shares: DialogueShares,
-) -> Conversation:
-    """Return a conversation in which nobody has spoken; the letters of the members are drawn."""
+) -> DialogueDraft:
+    """Return a conversation in which no member has spoken; the letters of the members are drawn."""
     letters = situation.letters
     named = rename_members(situation, dict(zip(letters, draw.sample(letters, len(letters)), strict=True)))
     base = named.choose_order()
     holds = draw_holds(named, base, draw, shares) if draw.random() < shares.made_up else {}
-    return Conversation(named, situation.place, draw, vocabulary, is_held_out, base, holds)
+    return DialogueDraft(named, situation.place, draw, vocabulary, is_held_out, base, holds)
 
 
 def draw_holds(situation: Situation, base: str, draw: random.Random, shares: DialogueShares) -> dict[str, Hold]:
-    """Return made-up holds of members that do not pass last anyway and that nobody follows."""
+    """Return made-up holds of members that do not pass last anyway and lead no other one."""
     leaders = {member.follows for view in situation.views for member in view.members}
     usable = [letter for letter in base[:-1] if letter not in leaders and situation.get_view(letter).hold is None]
     count = min(len(usable), 2 if draw.random() < shares.second_made_up else 1)
@@ -158,7 +158,7 @@ def draw_holds(situation: Situation, base: str, draw: random.Random, shares: Dia
 
 
 def move_back(order: str, holds: Mapping[str, Hold]) -> str:
-    """Return an order in which those that are held up pass after all others, who is free first before the rest."""
+    """Return an order in which members that are held up pass after all others, the first to be free before the rest."""
     late = sorted((hold.seconds or 0.0, order.index(letter), letter) for letter, hold in holds.items())
     return "".join(letter for letter in order if letter not in holds) + "".join(letter for *_, letter in late)
 
@@ -182,7 +182,7 @@ def choose_action(view: DialogueView, order: str, letter: str, hold: Hold | None
     return Intention.SLOWER if delay <= STOPPING_DELAY_S else Intention.STOP
 
 
-def _speak_all(talk: Conversation, shares: DialogueShares, is_learned: bool) -> None:
+def _speak_all(talk: DialogueDraft, shares: DialogueShares, is_learned: bool) -> None:
     """Let all members speak once, in their order."""
     for letter in talk.situation.speakers:
         kind = talk.draw.random()
@@ -197,7 +197,7 @@ def _speak_all(talk: Conversation, shares: DialogueShares, is_learned: bool) -> 
             _say(talk, letter, talk.find_order(letter), is_learned)
 
 
-def _fail_round(talk: Conversation) -> None:
+def _fail_round(talk: DialogueDraft) -> None:
     """Let a first round end with a wrong order, of which the critic names a pair."""
     wrong = _draw_other_order(talk)
     for letter in talk.situation.speakers:
@@ -207,19 +207,19 @@ def _fail_round(talk: Conversation) -> None:
     talk.feedback, talk.round = format_close_pair(*sorted((first, second))), 2
 
 
-def _draw_other_order(talk: Conversation) -> str:
+def _draw_other_order(talk: DialogueDraft) -> str:
     order = talk.base
     i = talk.draw.randrange(len(order) - 1)
     return order[:i] + order[i + 1] + order[i] + order[i + 2 :]
 
 
-def _find_last_order(talk: Conversation) -> str:
+def _find_last_order(talk: DialogueDraft) -> str:
     """Return the order in the last message of this round; "" if there is none."""
     lines = [line for line in talk.said if line.round == talk.round]
     return lines[-1].text.split(" ")[1].replace(">", "") if lines else ""
 
 
-def _say(talk: Conversation, letter: str, order: str, is_learned: bool, tells_hold: bool = True) -> None:
+def _say(talk: DialogueDraft, letter: str, order: str, is_learned: bool, tells_hold: bool = True) -> None:
     """Let a member say an order; keep the request if the answer is to be learned."""
     view, last = talk.get_view(letter), _find_last_order(talk)
     stance = "propose" if not last else "accept" if order == last else "object"
@@ -239,7 +239,7 @@ def _say(talk: Conversation, letter: str, order: str, is_learned: bool, tells_ho
         talk.known_holds[letter] = talk.holds[letter]
 
 
-def _conclude(talk: Conversation) -> None:
+def _conclude(talk: DialogueDraft) -> None:
     """Keep the request to say what was agreed."""
     situation = talk.situation
     view = situation.get_view(situation.speakers[0])
@@ -252,7 +252,7 @@ def _conclude(talk: Conversation) -> None:
     talk.dialogues.append(Dialogue(AGREE, lines, view.letters, view.me, answer, talk.place))
 
 
-def draw_message(talk: Conversation, head: OrderProposal, letter: str, hold: Hold | None) -> str:
+def draw_message(talk: DialogueDraft, head: OrderProposal, letter: str, hold: Hold | None) -> str:
     """Return the words of a message that fit into it; "" if none do.
 
     hold: what the speaker tells of itself.
@@ -277,14 +277,14 @@ def draw_message(talk: Conversation, head: OrderProposal, letter: str, hold: Hol
     return ""
 
 
-def _fits(talk: Conversation, proposal: OrderProposal) -> bool:
+def _fits(talk: DialogueDraft, proposal: OrderProposal) -> bool:
     """Return whether a message has few enough entries and bytes."""
     sent = replace_letters(format_proposal(proposal), dict.fromkeys(proposal.order, STATION))
     entries = len(talk.vocabulary.encode(f" {proposal.words}"))
     return len(sent.encode()) <= MAX_MESSAGE_BYTES and entries <= MAX_WORD_ENTRIES
 
 
-def _fill_slots(talk: Conversation, head: OrderProposal, letter: str, hold: Hold | None) -> dict[str, str]:
+def _fill_slots(talk: DialogueDraft, head: OrderProposal, letter: str, hold: Hold | None) -> dict[str, str]:
     """Return what can be filled into clauses."""
     view, order = talk.get_view(letter), "".join(head.order)
     place, me = order.index(letter), view.get_member(letter)
@@ -318,7 +318,7 @@ def is_usable(situation: Situation, split: str) -> bool:
 
 
 def leave_out_objects(situation: Situation) -> Situation:
-    """Return a situation in which nobody sees or is told of other road users, for a twin of the model."""
+    """Return a situation without the other road users that members see or are told of, for a twin of the model."""
     return replace(situation, views=tuple(replace(view, objects=(), traffic=0) for view in situation.views))
 
 

@@ -24,7 +24,7 @@ Order = tuple[str, ...]
 
 
 def find_passing_order(members: Sequence[NegotiationMember], graph: ConflictGraph, group: Sequence[str]) -> Order:
-    """Return the order of `passing`: who enters a shared area first, behind its leader."""
+    """Return the order of `passing`: that of entering shared areas, each member behind its leader."""
     leaders = find_leader_pairs(members)
     return order_by_urgency(tuple(group), {name: graph.get_entry_time(name) for name in group}, leaders)
 

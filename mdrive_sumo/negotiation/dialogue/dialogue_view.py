@@ -106,7 +106,7 @@ class DialogueView:
     members: tuple[MemberView, ...]
     """All of the group, by letter, the viewer too."""
     yields: tuple[tuple[str, str], ...] = ()
-    """(who gives way, to whom) by the rules of the road, as far as the viewer knows."""
+    """(member that gives way, the one that goes first) by the rules of the road, as far as the viewer knows."""
     light: str = ""
     """State of the next light on its way: "red", "yellow", "green", or "" without one."""
     hold: Hold | None = None
@@ -229,7 +229,7 @@ def _find_yields(
     letters: Mapping[str, str],
     junction: JunctionKind | None,
 ) -> tuple[tuple[str, str], ...]:
-    """Return who of the viewer and each opponent gives way by the rules that the viewer's approach shows."""
+    """Return which of the viewer and each opponent gives way by the rules that the viewer's approach shows."""
     pairs: list[tuple[str, str]] = []
     for other in opponents:
         gives_way = _gives_way(me, other, junction)
