@@ -1,6 +1,6 @@
 """Drive one training scenario and build its samples, those before a CAV failed: they teach something."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -93,7 +93,7 @@ class LiveDrive:
 
 
 @contextmanager
-def open_drive(config: EpisodeConfig, agents: Mapping[str, Agent]) -> Iterator[LiveDrive]:
+def open_drive(config: EpisodeConfig, agents: Mapping[str, Agent]) -> Generator[LiveDrive]:
     """Start an episode with an agent for each CAV; close its world afterwards. Raises WorldError."""
     with open_world(config) as world:
         yield LiveDrive(config, world, agents)

@@ -28,9 +28,9 @@ Row = tuple[str, Kind, float, float, float]
 
 def build_objects(*rows: Row) -> Objects:
     ids, kinds, x, y, speed = zip(*rows, strict=True) if rows else ((), (), (), (), ())
-    numbers = [np.array(column, dtype=np.float64) for column in (x, y, np.zeros(len(ids)), speed)]
-    size = np.full(len(ids), 4.5), np.full(len(ids), 2.0)
-    return Objects(tuple(ids), np.array(kinds, np.uint8), *numbers, *size)
+    east, north, moving = (np.array(column, dtype=np.float64) for column in (x, y, speed))
+    yaw, length, width = np.zeros(len(ids)), np.full(len(ids), 4.5), np.full(len(ids), 2.0)
+    return Objects(tuple(ids), np.array(kinds, np.uint8), east, north, yaw, moving, length, width)
 
 
 def view(
