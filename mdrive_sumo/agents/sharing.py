@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from mdrive_sumo.contract import Briefing, Detections, Note, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option
 from mdrive_sumo.core.frozen import build_frozen
-from mdrive_sumo.negotiation import NegotiationInterface, RuleNegotiator
+from mdrive_sumo.negotiation import LlmNegotiator, NegotiationInterface, RuleNegotiator
 from mdrive_sumo.perception.message_guard import MessageGuard
 from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.driving_options import DrivingOptions
@@ -13,7 +13,7 @@ from mdrive_sumo.planning.ego_planner import EgoPlanner, exclude_objects
 from mdrive_sumo.planning.motion_prediction import PredictedMotion
 from mdrive_sumo.planning.warned_motion import predict_braking_station
 from mdrive_sumo.v2x.awareness_service import AwarenessService
-from mdrive_sumo.v2x.messages import EventCause
+from mdrive_sumo.v2x.messages import MCM, EventCause
 from mdrive_sumo.v2x.services.event_table import EventTable
 
 
@@ -117,23 +117,45 @@ class SharingAgent(SingleAgent):
         return build_frozen(Reply, None, reply.plan, messages, notes + reply.notes, reply.detections)
 
 
-class SharingNegotiationAgent(SharingAgent):
-    """Shares perception as `sharing` does, and settles by rule which CAV passes first: the paper's future work."""
+SHARE = {"share": Option(1, 0, 1, is_switch=True)}
+"""0: negotiate by MCMs alone, and neither send nor use CAMs, CPMs and DENMs."""
+
+
+class NegotiatingAgent(SharingAgent):
+    """The body of all that settle by messages which CAV passes first; its negotiator says how."""
 
     label = "negotiation"
-    name = "sharing+negotiation"
+    stops = True
+    """See `NegotiationInterface`."""
+
+    def __init__(self, config: Config, own_options: Mapping[str, Option]) -> None:
+        self._options = DrivingOptions(self.name, config, {**DEFENCE, **own_options})
+        self._shares = bool(self._options.values.get("share", 1))
+
+    def build_negotiator(self, briefing: Briefing) -> RuleNegotiator | LlmNegotiator:
+        """Return the negotiator that resolves the conflicts."""
+        raise NotImplementedError
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """Return the sensor of visible boxes, with the free view for CPMs."""
+        return (self._options.build_sensor_spec(free_space=self._shares),)
 
     def start(self, briefing: Briefing) -> None:
         """Prepare as `sharing` does, and the negotiation."""
         super().start(briefing)
-        self._negotiation = NegotiationInterface(
-            briefing, RuleNegotiator(passing=True, rate=briefing.v2x_rate), stops=False
-        )
+        if not self._shares:
+            self._guard = None
+        self._negotiation = NegotiationInterface(briefing, self.build_negotiator(briefing), self.stops)
 
     def _forget_sender(self, sender: str) -> None:
         super()._forget_sender(sender)
         if self._guard is not None and not self._guard.is_believed(sender):
             self._negotiation.forget(sender)
+
+    def _receive(self, seen: Observation) -> tuple[Note, ...]:
+        if self._shares:
+            return super()._receive(seen)
+        return self._tracker.receive(message for message in seen.messages if message.type == MCM)
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with detections, plan and claims."""
@@ -149,8 +171,23 @@ class SharingNegotiationAgent(SharingAgent):
             warned = self._predict_warned_motions(seen)
             motions += [motion for name, motion in warned.items() if name not in names]
             others = exclude_objects(tracked, names | warned.keys())
-            notes += car.update_plan(seen, others, motions, sigmas=self._tracker.position_sigmas)
+            stop_points = self._negotiation.find_stop_points(seen, planner)
+            notes += car.update_plan(seen, others, motions, stop_points, self._tracker.position_sigmas)
         plan = planner.build_plan(seen.tick)
         step = self._negotiation.negotiate(seen, planner, plan.points)
-        messages = self._awareness.compose_messages(seen) + step.messages
-        return build_frozen(Reply, None, plan, messages, notes + step.notes, detections)
+        messages = self._awareness.compose_messages(seen) if self._shares else ()
+        return build_frozen(Reply, None, plan, messages + step.messages, notes + step.notes, detections)
+
+
+class SharingNegotiationAgent(NegotiatingAgent):
+    """Shares perception as `sharing` does, and settles by rule which CAV passes first: the paper's future work."""
+
+    name = "sharing+negotiation"
+    stops = False
+
+    def __init__(self, config: Config) -> None:
+        super().__init__(config, {})
+
+    def build_negotiator(self, briefing: Briefing) -> RuleNegotiator:
+        """Return a negotiator by whose rule no CAV has to stop."""
+        return RuleNegotiator(passing=True, rate=briefing.v2x_rate)

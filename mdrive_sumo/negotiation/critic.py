@@ -8,15 +8,9 @@ import numpy as np
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.conflict_graph import build_trajectory_graph, compute_safety
-from mdrive_sumo.negotiation.intention import (
-    INTENTION,
-    INTERVAL_S,
-    build_line,
-    convert_to_acceleration,
-    predict_trajectory,
-    replace_slow_keep,
-)
+from mdrive_sumo.negotiation.intention import INTENTION, INTERVAL_S, replace_slow_keep
 from mdrive_sumo.negotiation.negotiator import NegotiationMember
+from mdrive_sumo.negotiation.order_prediction import predict_agreement
 from mdrive_sumo.v2x.messages import Intention
 
 
@@ -53,10 +47,12 @@ def avoid_slow_keeping(actions: Mapping[str, Intention], members: Sequence[Negot
 def evaluate_actions(
     members: Sequence[NegotiationMember],
     actions: Mapping[str, Intention],
+    order: Sequence[str] = (),
     parameters: CriticParameters = CRITIC_PARAMETERS,
 ) -> Critique:
-    """Return the critique of the actions of all members of a group."""
-    predicted = {member.id: _predict_member(member, actions[member.id], members) for member in members}
+    """Return the critique of the actions of all members of a group, who pass in that order if there is one."""
+    motions = predict_agreement(members, actions, order)
+    predicted = {member.id: motions[member.id].points for member in members}
     graph = build_trajectory_graph(tuple(predicted), predicted)
     first, second = divmod(int(graph.distance.argmin()), len(graph.ids))
     safety = compute_safety(float(graph.distance[first, second]))
@@ -70,13 +66,6 @@ def evaluate_actions(
     else:
         feedback = ""
     return Critique(safety, efficiency, feedback)
-
-
-def _predict_member(member: NegotiationMember, action: Intention, members: Sequence[NegotiationMember]) -> Float:
-    """Return the trajectory (`POINTS`, 2) [m] of a member with that action along its desired trajectory."""
-    gaps = [float(portable.hypot(m.x - member.x, m.y - member.y)) for m in members if m.id != member.id]
-    line = build_line(member.x, member.y, member.yaw, member.desired)
-    return predict_trajectory(line, member.speed, convert_to_acceleration(action, min(gaps), len(gaps)))
 
 
 def _compute_mean_speed(member: NegotiationMember, points: Float) -> float:

@@ -1,13 +1,19 @@
-"""Negotiation by a language model: CAVs exchange messages, the most central one states the actions (protocol 10.4)."""
+"""Negotiation by a language model: CAVs exchange messages, the most central one states the outcome (protocol 10.4)."""
 
 import json
 from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from mdrive_sumo.contract import Message, Note
 from mdrive_sumo.contract.briefing import V2xRate
+from mdrive_sumo.negotiation.agreement import (
+    build_decision,
+    is_possible,
+    move_forward,
+    read_agreement,
+    release_passed,
+)
 from mdrive_sumo.negotiation.conflict_graph import (
     CONFLICT,
     STEP_TICKS,
@@ -22,20 +28,12 @@ from mdrive_sumo.negotiation.conversation import (
     parse_utterance,
 )
 from mdrive_sumo.negotiation.critic import Critique, avoid_slow_keeping, evaluate_actions
-from mdrive_sumo.negotiation.language_model import LanguageModel
 from mdrive_sumo.negotiation.mcm_sending import McmSending
 from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationMember, NegotiationStep
 from mdrive_sumo.negotiation.peer_table import PeerTable
-from mdrive_sumo.negotiation.prompt import (
-    ACTION_TOKENS,
-    MESSAGE_TOKENS,
-    build_action_chat,
-    build_speaker_chat,
-    clean_message,
-    parse_actions,
-)
 from mdrive_sumo.negotiation.right_of_way_claims import NegotiationTerms, build_mcm_message
 from mdrive_sumo.negotiation.rule_negotiator import apply_rule
+from mdrive_sumo.negotiation.speaker import GroupAgreement, Speaker
 from mdrive_sumo.v2x.messages import MAX_NAMES, TEXT, Intention, Mcm, MessageError, decode, encode
 
 OUTCOME = "negotiation"
@@ -66,43 +64,48 @@ def count_conflict_ticks(graph: ConflictGraph, group: Sequence[str]) -> int:
     return graph.count_conflict_ticks(group) if graph.in_conflict.any() else STEP_TICKS
 
 
-def build_decision(
-    me: str,
-    members: Sequence[NegotiationMember],
-    actions: Mapping[str, Intention],
-    group: tuple[str, ...],
-    until: int,
-) -> NegotiationDecision:
-    """Return the own decision from the actions of all: the member with the faster action goes first."""
-    mine = actions[me]
-    graph = build_conflict_graph(members)
-    opponents = (graph.find_opponents(me) if me in graph.ids else frozenset()) & set(group)
-    action_by_id = {name: actions.get(name, Intention.KEEP) for name in opponents}
-    first = frozenset(name for name, action in action_by_id.items() if action > mine)
-    after = frozenset(name for name, action in action_by_id.items() if action < mine)
-    return NegotiationDecision(mine, first, after, until, tuple(group))
-
-
 def format_outcome(
     conversation: Conversation,
-    actions: Mapping[str, Intention],
+    agreement: GroupAgreement,
     critique: Critique,
-    consensus: float | None,
     decided_by: str,
 ) -> str:
     """Return the outcome of a round as JSON; the total is the original's, with a missing consensus counted as 0."""
+    consensus = agreement.consensus
     outcome = {
         "group": conversation.group,
         "round": conversation.round,
         "by": decided_by,
-        "actions": {name: action.name for name, action in actions.items()},
+        "actions": {name: action.name for name, action in agreement.actions.items()},
         "safety": round(critique.safety, 3),
         "efficiency": round(critique.efficiency, 3),
         "consensus": consensus,
         "total": round(3 * (consensus or 0.0) + 5 * critique.safety + 2 * critique.efficiency, 3),
         "feedback": critique.feedback,
     }
+    if agreement.order:
+        outcome["order"] = agreement.order
     return json.dumps(outcome, sort_keys=True, separators=(",", ":"))
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a member was asked to do, so far as an answer depends on it."""
+
+    action: Intention
+    order: tuple[str, ...]
+    until_tick: int
+
+
+@dataclass(frozen=True, slots=True)
+class OwnAgreement:
+    """What the own car, as the most central member, has asked all others to do."""
+
+    agreement: GroupAgreement
+    tick: int
+    until_tick: int
+    is_revised: bool = False
+    """Whether a member has refused it, and it was changed."""
 
 
 class LlmNegotiator:
@@ -115,12 +118,12 @@ class LlmNegotiator:
 
     def __init__(
         self,
-        model: LanguageModel,
+        speaker: Speaker,
         instant: bool = False,
         parameters: LlmNegotiationParameters = LLM_NEGOTIATION,
         rate: V2xRate = "fixed",
     ) -> None:
-        self._model, self._instant, self._parameters = model, instant, parameters
+        self._speaker, self._instant, self._parameters = speaker, instant, parameters
         self._sending = McmSending(rate)
         self.peers = PeerTable(self._sending.memory_ticks)
         self._conversation: Conversation | None = None
@@ -131,6 +134,9 @@ class LlmNegotiator:
         self._terms = NegotiationTerms()
         self._source = ""
         """The station whose actions the decision follows."""
+        self._answered: dict[str, Request] = {}
+        """The last request of each station that was adopted or refused."""
+        self._own_agreement: OwnAgreement | None = None
         self._has_new_terms = False
         self._notes: deque[Note] = deque()
         self._due_tick = 0
@@ -150,7 +156,9 @@ class LlmNegotiator:
         is_due = tick >= self._due_tick
         if is_due:
             self._due_tick = find_next_planning_tick(tick)
+            self._release(tick, me.id, members)
             self._begin_conversation(tick, me.id, members)
+        self._revise_refused(tick, me.id, members)
         if not self._obey_request(tick, me.id, members):
             messages += self._speak(tick, me.id, members)
         if is_due or self._has_new_terms:
@@ -162,9 +170,9 @@ class LlmNegotiator:
         return NegotiationStep(self.get_valid_decision(tick), tuple(messages), self._take_due_notes())
 
     def _collect_model_notes(self) -> None:
-        """Move the notes of the model to the own ones."""
-        self._notes += self._model.notes
-        self._model.notes.clear()
+        """Move the notes of the speaker to the own ones."""
+        self._notes += self._speaker.notes
+        self._speaker.notes.clear()
 
     def _take_due_notes(self) -> tuple[Note, ...]:
         """Return as many notes as fit into one tick."""
@@ -220,8 +228,37 @@ class LlmNegotiator:
             return False
         return tick - conversation.last_activity_tick < self._parameters.stale_ticks
 
+    def _release(self, tick: int, me: str, members: Sequence[NegotiationMember]) -> None:
+        """End what is done of the decision: it no longer waits for those that have passed."""
+        held = self.get_valid_decision(tick)
+        decision = held and release_passed(held, me, members)
+        if decision is held:
+            return
+        self._decision = decision
+        if decision is not None and me in self._terms.requests:
+            self._terms = replace(self._terms, requests={**self._terms.requests, me: decision.intention})
+
+    def _revise_refused(self, tick: int, me: str, members: Sequence[NegotiationMember]) -> None:
+        """Ask all again, once, if members cannot carry out the own agreement: they then go first."""
+        own = self._own_agreement
+        if own is None or own.is_revised or tick > own.until_tick or self._source != me:
+            return
+        order, present = own.agreement.order, {member.id for member in members}
+        refusing = [
+            name
+            for name, mcm in self.peers.get_latest_mcms(tick).items()
+            if name in order and mcm.answers.get(me) is False and mcm.pose.tick > own.tick
+        ]
+        if not refusing or not present >= set(order):
+            return
+        changed = move_forward(refusing, own.agreement, members)
+        self._own_agreement = OwnAgreement(changed, tick, own.until_tick, is_revised=True)
+        self._request(me, members, changed, own.until_tick)
+        outcome = {"group": sorted(order), "by": "refusal", "refused": refusing, "order": changed.order}
+        self._notes.append(Note(OUTCOME, json.dumps(outcome, sort_keys=True, separators=(",", ":"))))
+
     def _obey_request(self, tick: int, me: str, members: Sequence[NegotiationMember]) -> bool:
-        """Adopt the request of the most central member of the own group; return whether there is a new one.
+        """Adopt or refuse the request of the most central member of the own group; return whether there is a new one.
 
         Of several requests that of the smaller station id counts.
         """
@@ -232,22 +269,36 @@ class LlmNegotiator:
             held = self.get_valid_decision(tick)
             if held is not None and self._source not in ("", name) and self._source < name:
                 continue
-            is_known = held is not None and self._source == name and held.until_tick == mcm.until_tick
-            if is_known and held is not None and held.intention == action:
+            agreement = read_agreement(name, mcm)
+            request = Request(action, agreement.order, mcm.until_tick)
+            has_refused = self._terms.answers.get(name) is False
+            if self._answered.get(name) == request and (self._source == name or has_refused):
                 continue
-            self._adopt(tick, me, members, mcm, name)
+            self._answered[name] = request
+            if is_possible(me, members, agreement):
+                self._adopt(tick, me, members, mcm, name)
+            else:
+                self._refuse(tick, mcm, name)
             return True
         return False
 
+    def _refuse(self, tick: int, mcm: Mcm, source: str) -> None:
+        """Answer that the own car cannot do what the MCM of `source` asks; what it has agreed on before stays."""
+        terms = self._get_valid_terms(tick)
+        until = terms.until_tick if terms.requests else mcm.until_tick
+        self._terms = replace(terms, answers={**terms.answers, source: False}, until_tick=until)
+        self._has_new_terms = True
+
     def _adopt(self, tick: int, me: str, members: Sequence[NegotiationMember], mcm: Mcm, source: str) -> None:
-        """Make the actions in the MCM of `source` the own decision."""
+        """Make the agreement in the MCM of `source` the own decision."""
         until = min(mcm.until_tick, tick + self._parameters.max_agreement_ticks)
-        self._decision = build_decision(me, members, mcm.requests, mcm.group, until)
+        group = tuple(sorted(mcm.group))
+        self._decision = build_decision(me, members, read_agreement(source, mcm), group, until)
         self._terms = NegotiationTerms(answers={source: True}, group=mcm.group, until_tick=until)
         self._source = source
-        self._finished_tick[mcm.group] = tick
+        self._finished_tick[group] = tick
         conversation = self._conversation
-        is_own = conversation is not None and conversation.group == mcm.group
+        is_own = conversation is not None and conversation.group == group
         if conversation is not None and is_own and mcm.pose.tick > conversation.round_opened_tick:
             conversation.is_done = True
 
@@ -284,9 +335,7 @@ class LlmNegotiator:
         self, conversation: Conversation, speaker: NegotiationMember, present: dict[str, NegotiationMember]
     ) -> str:
         """Return a member's next message; if the model gives none, what the rule would have it say."""
-        others = [present[name] for name in conversation.order if name != speaker.id]
-        chat = build_speaker_chat(speaker, others, conversation.get_utterances(), conversation.feedback)
-        text = self._model.ask(chat, MESSAGE_TOKENS, clean_message)
+        text = self._speaker.say(conversation, speaker.id, present)
         if text is not None:
             return text
         members = tuple(present.values())
@@ -328,16 +377,22 @@ class LlmNegotiator:
         """Make the actions of this round the own decision and request; return their critique."""
         members, group = tuple(present.values()), conversation.group
         graph = build_conflict_graph(members)
-        chat = build_action_chat(members, conversation.get_utterances(rounds=1))
-        answer = self._model.ask(chat, ACTION_TOKENS, partial(parse_actions, group=group))
-        actions, consensus = answer or (apply_rule(members, graph, group), None)
-        actions = avoid_slow_keeping(actions, members)
+        answer = self._speaker.conclude(conversation, me, present)
+        agreement = answer or GroupAgreement(apply_rule(members, graph, group))
+        agreement = replace(agreement, actions=avoid_slow_keeping(agreement.actions, members))
         until = tick + count_conflict_ticks(graph, group) + CONFLICT.aftermath_ticks
-        self._decision = build_decision(me, members, actions, group, until)
-        self._terms = NegotiationTerms(dict(list(actions.items())[:MAX_NAMES]), {}, group[:MAX_NAMES], until)
-        self._source, self._has_new_terms = me, True
-        critique = evaluate_actions(members, actions)
+        self._own_agreement = OwnAgreement(agreement, tick, until)
+        self._request(me, members, agreement, until)
+        critique = evaluate_actions(members, agreement.actions, agreement.order)
         self._collect_model_notes()  # the outcome follows the exchanges that led to it
-        outcome = format_outcome(conversation, actions, critique, consensus, "model" if answer else "rule")
+        outcome = format_outcome(conversation, agreement, critique, "model" if answer else "rule")
         self._notes.append(Note(OUTCOME, outcome))
         return critique
+
+    def _request(self, me: str, members: Sequence[NegotiationMember], agreement: GroupAgreement, until: int) -> None:
+        """Make an agreement the own decision, and ask all others to keep to it."""
+        group = agreement.order or tuple(sorted(agreement.actions))
+        self._decision = build_decision(me, members, agreement, group, until)
+        requests = dict(list(agreement.actions.items())[:MAX_NAMES])
+        self._terms = NegotiationTerms(requests, {me: True} if agreement.order else {}, group[:MAX_NAMES], until)
+        self._source, self._has_new_terms = me, True

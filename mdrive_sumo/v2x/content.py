@@ -162,9 +162,10 @@ class Mcm:
     requests: Mapping[str, Intention] = field(default_factory=lambda: MappingProxyType({}))
     """Requested intention by station id; the entry of the sender's own id is its commitment."""
     answers: Mapping[str, bool] = field(default_factory=lambda: MappingProxyType({}))
-    """Whether the sender accepts the last request of each station, by its id."""
+    """Whether the sender accepts the last request of each station, by its id. A sender that accepts its own request
+    has agreed with the others on an order of passing: its group."""
     group: tuple[str, ...] = ()
-    """Ids of the conflict group of the sender, itself included, sorted."""
+    """Ids of the conflict group of the sender, itself included: in an agreed order of passing, else sorted."""
     until_tick: int = 0
     """Tick until which the requests are valid."""
 

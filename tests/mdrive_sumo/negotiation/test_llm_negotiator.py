@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from testing.negotiation_fakes import agreeable, completion, crossing, lines_of, member, replies, served, talk, texts_of
 
+from mdrive_sumo.negotiation.chat_speaker import ChatSpeaker
 from mdrive_sumo.negotiation.language_model import LanguageModel, LanguageModelSettings, check_settings
 from mdrive_sumo.negotiation.llm_negotiator import LlmNegotiator
 from mdrive_sumo.v2x.messages import Intention, Mcm, decode
@@ -20,7 +21,8 @@ GROUP = ("a", "b")
 
 
 def negotiators(settings: LanguageModelSettings, instant: bool = False, names: str = "ab") -> dict[str, LlmNegotiator]:
-    return {name: LlmNegotiator(LanguageModel(settings, seed), instant) for seed, name in enumerate(names, 7)}
+    models = {name: LanguageModel(settings, seed) for seed, name in enumerate(names, 7)}
+    return {name: LlmNegotiator(ChatSpeaker(model), instant) for name, model in models.items()}
 
 
 def settings_for(url: str, **more: Any) -> LanguageModelSettings:
