@@ -131,6 +131,7 @@ class NegotiatingAgent(SharingAgent):
     def __init__(self, config: Config, own_options: Mapping[str, Option]) -> None:
         self._options = DrivingOptions(self.name, config, {**DEFENCE, **own_options})
         self._shares = bool(self._options.values.get("share", 1))
+        self._obeys = bool(self._options.values.get("obey", 1))
 
     def build_negotiator(self, briefing: Briefing) -> RuleNegotiator | LlmNegotiator:
         """Return the negotiator that resolves the conflicts."""
@@ -145,7 +146,7 @@ class NegotiatingAgent(SharingAgent):
         super().start(briefing)
         if not self._shares:
             self._guard = None
-        self._negotiation = NegotiationInterface(briefing, self.build_negotiator(briefing), self.stops)
+        self._negotiation = NegotiationInterface(briefing, self.build_negotiator(briefing), self.stops, self._obeys)
 
     def _forget_sender(self, sender: str) -> None:
         super()._forget_sender(sender)

@@ -5,6 +5,7 @@ import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
@@ -96,8 +97,9 @@ class LanguageModel:
         reason = self._find_exhausted_budget()
         pause = 0.0
         for _ in range(self._settings.tries if reason is None else 0):
+            request = self._build_request(conversation, max_tokens)
             try:
-                answer = self._exchange(self._build_request(conversation, max_tokens), pause)
+                answer = self._exchange(request, partial(self._complete, request, pause))
             except LanguageModelError as error:
                 reason = str(error)
                 if error.kind in FINAL_FAILURES:
@@ -114,9 +116,32 @@ class LanguageModel:
             else:
                 self._failed = 0
                 return parsed
+        return self._fail(str(reason))
+
+    def ask_on_board(
+        self, request: Mapping[str, Any], write: Callable[[], ChatCompletion], read: Callable[[str], T]
+    ) -> T | None:
+        """Return the answer of a model on board as parsed by `read`, as `ask` does; it is asked once.
+
+        request: what the transcript has of it. write: returns the answer, and raises LanguageModelError.
+        """
+        reason = self._find_exhausted_budget()
+        if reason is not None:
+            return self._fail(reason)
+        try:
+            answer = self._exchange(request, write)
+            parsed = read(answer.text)
+        except LanguageModelError as error:
+            return self._fail(str(error))
+        except ValueError as error:
+            return self._fail(f"answer: {error}")
+        self._failed = 0
+        return parsed
+
+    def _fail(self, reason: str) -> None:
+        """Count a request without a usable answer, and note that the rule decides."""
         self._failed += 1
-        self.notes.append(Note(FALLBACK, str(reason)))
-        return None
+        self.notes.append(Note(FALLBACK, reason))
 
     def _find_exhausted_budget(self) -> str | None:
         """Return why no further request is allowed, or None."""
@@ -138,15 +163,10 @@ class LanguageModel:
             "seed": self._seed,
         }
 
-    def _exchange(self, request: Mapping[str, Any], pause: float) -> ChatCompletion:
-        """Send one request and note the exchange, whatever its outcome. Raises LanguageModelError.
-
-        pause: wait this long [s] before it, except for a transcript.
-        """
-        if pause and self._transcript is None:
-            time.sleep(min(pause, self._settings.timeout_s / 4))
+    def _exchange(self, request: Mapping[str, Any], complete: Callable[[], ChatCompletion]) -> ChatCompletion:
+        """Return the recorded answer, or that of `complete`; note it, whatever it is. Raises LanguageModelError."""
         try:
-            answer = self._complete(request)
+            answer = complete() if self._transcript is None else self._transcript.replay(request)
         except LanguageModelError as error:
             self._note(request, error)
             raise
@@ -154,11 +174,11 @@ class LanguageModel:
         self._tokens += answer.tokens
         return answer
 
-    def _complete(self, request: Mapping[str, Any]) -> ChatCompletion:
-        """Return the recorded or the requested completion."""
-        if self._transcript is not None:
-            return self._transcript.replay(request)
+    def _complete(self, request: Mapping[str, Any], pause: float) -> ChatCompletion:
+        """Return the completion of the endpoint, asked after a pause [s]. Raises LanguageModelError."""
         settings = self._settings
+        if pause:
+            time.sleep(min(pause, settings.timeout_s / 4))
         limit = settings.max_answer_chars
         return request_completion(settings.endpoint, dict(request), settings.timeout_s, settings.api_key_env, limit)
 
@@ -201,10 +221,13 @@ NUMBERS: Mapping[str, Option] = {
 ROUNDS = ("channel", "instant")
 
 
-def read_llm_options(agent: str, config: Config, others: tuple[str, ...] = ()) -> tuple[LanguageModelSettings, bool]:
+def read_llm_options(
+    agent: str, config: Config, others: tuple[str, ...] = (), is_on_board: bool = False
+) -> tuple[LanguageModelSettings, bool]:
     """Return the settings of the model and whether rounds are instant; others: names of options read elsewhere.
 
-    Raises InputError for an unknown name or an invalid value.
+    is_on_board: the model needs neither an endpoint nor a transcript. Raises InputError for an unknown name or an
+    invalid value.
     """
     unknown = sorted(set(config) - set(TEXTS) - set(NUMBERS))
     if unknown:
@@ -226,7 +249,9 @@ def read_llm_options(agent: str, config: Config, others: tuple[str, ...] = ()) -
         max_tokens_total=int(numbers["max_tokens_total"]),
         give_up_after=int(numbers["give_up_after"]),
     )
-    return check_settings(settings), rounds == "instant"
+    if not is_on_board or settings.transcript:
+        check_settings(settings)
+    return settings, rounds == "instant"
 
 
 def _read_text(agent: str, name: str, value: object) -> str:

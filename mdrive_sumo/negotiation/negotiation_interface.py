@@ -52,7 +52,8 @@ class NegotiationInterface:
     """Between a negotiator and a planner.
 
     stops: a CAV that has to yield halts before the paths meet, as the rule of the protocol (10.5) and the language
-    model's STOP demand; otherwise it plans to pass behind the others.
+    model's STOP demand; otherwise it plans to pass behind the others. obeys: False: it negotiates and drives as if it
+    had not.
     """
 
     def __init__(
@@ -60,10 +61,11 @@ class NegotiationInterface:
         briefing: Briefing,
         negotiator: RuleNegotiator | LlmNegotiator,
         stops: bool,
+        obeys: bool = True,
         parameters: InterfaceParameters = INTERFACE,
     ) -> None:
         self._briefing, self._negotiator, self._stops = briefing, negotiator, stops
-        self._parameters = parameters
+        self._obeys, self._parameters = obeys, parameters
         self._decision: NegotiationDecision | None = None
 
     def receive(self, seen: Observation) -> None:
@@ -146,10 +148,11 @@ class NegotiationInterface:
     def negotiate(self, seen: Observation, planner: SpaceTimePlanner, planned: Float) -> NegotiationStep:
         """Run the negotiator; its decision counts from the next plan on. planned: (K, 2) own positions [m]."""
         if not self._negotiator.is_due(seen.tick):
-            self._decision = self._negotiator.get_valid_decision(seen.tick)
-            return NegotiationStep(self._decision)
+            decision = self._negotiator.get_valid_decision(seen.tick)
+            self._decision = decision if self._obeys else None
+            return NegotiationStep(decision)
         step = self._negotiator.step(seen.tick, self._build_member(seen, planner, planned), seen.messages)
-        self._decision = step.decision
+        self._decision = step.decision if self._obeys else None
         return step
 
     def _build_member(self, seen: Observation, planner: SpaceTimePlanner, planned: Float) -> NegotiationMember:

@@ -74,6 +74,21 @@ def check_transcript(path: Path) -> None:
         pass
 
 
+def is_of_model_on_board(path: Path) -> bool | None:
+    """Return whether the answers of a transcript are those of a model on board; None for one without any.
+
+    Raises InputError for a file that is no transcript.
+    """
+    check_transcript(path)
+    if str(path) == os.devnull:
+        return None
+    first = next((line for line in read_text(path).splitlines() if line.strip()), None)
+    if first is None:
+        return None
+    request = json.loads(first).get("request")
+    return isinstance(request, dict) and "task" in request
+
+
 def _read_lines(path: Path, seed: int) -> list[tuple[int, str, ChatCompletion | LanguageModelError]]:
     """Return (ordinal, request digest, outcome) of the lines of one agent."""
     try:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from mdrive_sumo.agent_process.agent_connection import ConnectionGroup
 from mdrive_sumo.agent_process.sandbox import BoxKilledError
+from mdrive_sumo.agents.registry import ASKING_AGENTS
 from mdrive_sumo.contract.human_options import HUMAN
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_locator
@@ -131,16 +132,19 @@ def replay_language_model(agent: AgentSpec, transcript: Path | None) -> AgentSpe
     """Return the agent with the answers of a transcript, if there is one.
 
     A built-in agent never asks the endpoint that a stored run names: a stranger's run could name any, and any
-    environment variable as its key. Without a transcript it has no answers, as an agent that asked nothing; nor does it
-    need the file of `eval --transcript`, whose answers the run has copied.
+    environment variable as its key. Nor does it need the weights of a model on board, or the file of
+    `eval --transcript`, whose answers the run has copied. Without a transcript it has no answers, as one that asked
+    nothing.
     """
     config = dict(agent.config)
     if transcript is not None and transcript.is_file():
         config["transcript"] = str(transcript)
     if agent.is_builtin:
         if config.pop("endpoint", ""):
-            config.setdefault("transcript", os.devnull)
+            config.setdefault("talk", "endpoint")
             config.pop("api_key_env", None)
+        if agent.agent in ASKING_AGENTS:
+            config.setdefault("transcript", os.devnull)
         if "transcript" in config and not Path(str(config["transcript"])).is_file():
             config["transcript"] = os.devnull
     return replace(agent, config=config)
