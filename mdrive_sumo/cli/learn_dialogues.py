@@ -81,7 +81,9 @@ def format_situations(found: Sequence[SituationFile]) -> str:
 
 
 @click.command("dialogues")
-@click.option("--situations", type=FOLDER, required=True, help="Folder of `learn situations`.")
+@click.option(
+    "--situations", type=FOLDER, multiple=True, required=True, help="Folder of `learn situations`; may repeat."
+)
 @click.option("--out", type=FOLDER, required=True, help="Folder of the dialogues; earlier ones there are replaced.")
 @click.option(
     "--repeats",
@@ -93,7 +95,9 @@ def format_situations(found: Sequence[SituationFile]) -> str:
 @click.option("--without", type=click.Choice(TWINS), help="Leave that out, for a twin of the model.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of all draws.")
 @workers_option
-def dialogues_command(situations: Path, out: Path, repeats: int, without: str | None, seed: int, workers: int) -> None:
+def dialogues_command(
+    situations: tuple[Path, ...], out: Path, repeats: int, without: str | None, seed: int, workers: int
+) -> None:
     """Write the dialogues that `learn train-negotiator` reads, and pairs of answers of which one drives better."""
     settings = DialogueSettings(seed, repeats, without or "")
     written = collect_dialogues(settings, situations, out, workers, lambda text: echo(text, err=True))

@@ -4,13 +4,14 @@ Facts come from the simulation, except *made-up holds*: in some conversations so
 holds it up, so that it has to pass later. There the words decide the order, and no message tells it but the words.
 """
 
+import math
 import random
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from mdrive_sumo.learning.dialogue.dialogue_samples import Dialogue
-from mdrive_sumo.learning.dialogue.situations import Situation, rename_members
+from mdrive_sumo.learning.dialogue.situations import SAME_SCORE, Situation, rename_members
 from mdrive_sumo.learning.dialogue.wording import Clause, draw_words
 from mdrive_sumo.negotiation.dialogue.answer_grammar import MAX_WORD_ENTRIES
 from mdrive_sumo.negotiation.dialogue.answers import (
@@ -140,9 +141,31 @@ def begin_conversation(
     """Return a conversation in which no member has spoken; the letters of the members are drawn."""
     letters = situation.letters
     named = rename_members(situation, dict(zip(letters, draw.sample(letters, len(letters)), strict=True)))
-    base = named.choose_order()
+    base = settle_ties(named, named.choose_order())
     holds = draw_holds(named, base, draw, shares) if draw.random() < shares.made_up else {}
     return DialogueDraft(named, situation.place, draw, vocabulary, is_held_out, base, holds)
+
+
+def settle_ties(situation: Situation, order: str) -> str:
+    """Return an order in which members that enter their areas at the same time pass by letter, so that all know it.
+
+    The teachers let the smaller station id pass, which prompts do not show. Leaders stay first, and an order that the
+    simulation found worse is not taken.
+    """
+    view = situation.views[0]
+    is_worse = set(situation.find_worse(SAME_SCORE))
+
+    def are_equal(first: str, second: str) -> bool:
+        a, b = view.get_member(first), view.get_member(second)
+        starts = [one.zone_s[0] if one.zone_s else math.inf for one in (a, b)]
+        return starts[0] == starts[1] and second != a.follows and first != b.follows
+
+    for _ in order:
+        for i in range(len(order) - 1):
+            swapped = order[:i] + order[i + 1] + order[i] + order[i + 2 :]
+            if order[i] > order[i + 1] and are_equal(order[i], order[i + 1]) and swapped not in is_worse:
+                order = swapped
+    return order
 
 
 def draw_holds(situation: Situation, base: str, draw: random.Random, shares: DialogueShares) -> dict[str, Hold]:

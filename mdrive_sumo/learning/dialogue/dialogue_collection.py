@@ -5,7 +5,7 @@ begins anew.
 """
 
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -74,10 +74,10 @@ class DialogueShard:
 
 
 def collect_dialogues(
-    settings: DialogueSettings, source: Path, folder: Path, workers: int, note: Callable[[str], None]
+    settings: DialogueSettings, sources: Sequence[Path], folder: Path, workers: int, note: Callable[[str], None]
 ) -> DialogueShard:
-    """Write the dialogues about all situations of a folder; return what was written. Raises InputError."""
-    split, files = list_situation_files(source)
+    """Write the dialogues about all situations of some folders; return what was written. Raises InputError."""
+    split, files = _list_files(sources)
     chunks = [tuple(files[i : i + FILES_A_SHARD]) for i in range(0, len(files), FILES_A_SHARD)]
     jobs = [DialogueJob(settings, split, i, chunk, folder.resolve()) for i, chunk in enumerate(chunks)]
     written: dict[int, DialogueShard] = {}
@@ -92,7 +92,7 @@ def collect_dialogues(
                 note(f"{len(written)}/{len(jobs)}  {outcome.dialogues} dialogues, {outcome.pairs} pairs")
         shards = [number for number, shard in sorted(written.items()) if shard.dialogues]
         if not shards:
-            raise InputError(f"{source}: expected situations of groups that this split may have, found none")
+            raise InputError(f"{sources[0]}: expected situations of groups that this split may have, found none")
         pairs = [number for number in shards if written[number].pairs]
         write_index(folder, split, load_vocabulary().digest, shards, pairs)
     except OSError as error:
@@ -101,6 +101,16 @@ def collect_dialogues(
     for shard in written.values():
         total = total.add(shard)
     return total
+
+
+def _list_files(sources: Sequence[Path]) -> tuple[str, list[Path]]:
+    """Return the split of the folders, which is the same, and all files. Raises InputError."""
+    found = [list_situation_files(source) for source in sources]
+    splits = [split for split, _ in found]
+    for source, split in zip(sources, splits, strict=True):
+        if split != splits[0]:
+            raise InputError(f"{source}: expected situations of the split {splits[0]}, as before, found {split}")
+    return splits[0], [path for _, paths in found for path in paths]
 
 
 def write_dialogue_shard(job: DialogueJob) -> DialogueShard:

@@ -134,7 +134,7 @@ def _record(
     orders = {"passing": find_passing_order(members, graph, group), "rule": find_rule_order(graph, group)}
     teacher_order = recording.find_teacher_order(group)
     orders |= {} if teacher_order is None else {TEACHER: teacher_order}
-    tried = choose_candidates(members, [*orders.values()], sampling.most_orders)
+    tried = choose_candidates(members, graph, [*orders.values()], sampling.most_orders)
     keep, search, *_ = draw_uniforms(recording.config.seed, "situation", tick, group[0])
     if len(tried) == 1 and keep >= sampling.settled:
         return None

@@ -71,7 +71,9 @@ def _get_way(episode: EpisodeRecord, column: int) -> Float:
     return np.column_stack((episode.x[ticks, column], episode.y[ticks, column]))
 
 
-def choose_candidates(members: Sequence[NegotiationMember], taught: Sequence[Order], most: int) -> list[Order]:
+def choose_candidates(
+    members: Sequence[NegotiationMember], graph: ConflictGraph, taught: Sequence[Order], most: int
+) -> list[Order]:
     """Return at most so many orders to simulate: those of teachers, then those that cost the least waiting.
 
     A leader stays before its follower. The waiting is a surrogate: each member enters its areas when the one before it
@@ -82,7 +84,7 @@ def choose_candidates(members: Sequence[NegotiationMember], taught: Sequence[Ord
     others = [*permutations(group)] if len(group) <= ALL_ORDERS_UP_TO else _list_neighbours(taught)
     possible = {order for order in (*taught, *others) if all(order.index(a) < order.index(b) for a, b in leaders)}
     found = [order for order in dict.fromkeys(taught) if order in possible]
-    zones = find_zones(members)
+    zones = find_zones(members, graph)
     found += sorted(possible - set(found), key=lambda order: (_estimate_waiting(order, zones), order))
     return found[:most]
 

@@ -14,7 +14,7 @@ from mdrive_sumo.contract.briefing import JunctionKind
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.negotiation.conflict_graph import CONFLICT, build_conflict_graph
+from mdrive_sumo.negotiation.conflict_graph import CONFLICT, ConflictGraph, build_conflict_graph
 from mdrive_sumo.negotiation.intention import INTERVAL_S
 from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.negotiation.prompt import find_heading, find_sector
@@ -60,7 +60,7 @@ class MemberView:
     action: Intention
     """What it does now."""
     zone_s: tuple[float, float] | None = None
-    """When it enters and leaves the areas that it shares with other members on a free road [s from now]; None: not
+    """When it enters and leaves the areas that it shares with its opponents on a free road [s from now]; None: not
     within the prediction."""
     distance_m: float = 0.0
     sector: str = ""
@@ -172,8 +172,8 @@ def build_dialogue_view(
     members = [member for member in members if member.id in letter_by_station]
     by_id = {member.id: member for member in members}
     viewer, letters = by_id[me], letter_by_station
-    graph, zones = build_conflict_graph(members), find_zones(members)
-    opponents = graph.find_opponents(me)
+    graph = build_conflict_graph(members)
+    zones, opponents = find_zones(members, graph), graph.find_opponents(me)
     follows = {letters[second]: letters[first] for first, second in sorted(leaders) if {first, second} <= set(by_id)}
     views = [
         MemberView(
@@ -202,16 +202,18 @@ def build_dialogue_view(
     )
 
 
-def find_zones(members: Sequence[NegotiationMember]) -> dict[str, tuple[float, float] | None]:
-    """Return when each member is in the areas that it shares with others [s from now], on its desired trajectory."""
+def find_zones(members: Sequence[NegotiationMember], graph: ConflictGraph) -> dict[str, tuple[float, float] | None]:
+    """Return when each member is in the areas that it shares with its opponents [s from now], on a free road.
+
+    graph: of the members. The first time is `ConflictGraph.get_entry_time`, by which `passing` orders them.
+    """
     points = np.array([member.desired for member in members])
     x, y = points[..., 0], points[..., 1]
     gaps = portable.hypot(x[:, None, :, None] - x[None, :, None], y[:, None, :, None] - y[None, :, None])
     is_shared = gaps.min(-1) < CONFLICT.min_distance_m
     zones: dict[str, tuple[float, float] | None] = {}
     for row, member in enumerate(members):
-        others = np.arange(len(members)) != row
-        inside = np.flatnonzero(is_shared[row, others].any(0))
+        inside = np.flatnonzero(is_shared[row, graph.in_conflict[row]].any(0))
         zones[member.id] = (_step_time(inside[0]), _step_time(inside[-1])) if len(inside) else None
     return zones
 

@@ -16,6 +16,7 @@ from mdrive_sumo.learning.dialogue.compose_dialogues import (
     is_usable,
     leave_out_objects,
     move_back,
+    settle_ties,
 )
 from mdrive_sumo.learning.dialogue.dialogue_collection import drop_words
 from mdrive_sumo.learning.dialogue.dialogue_samples import Dialogue, encode_dialogues
@@ -89,6 +90,18 @@ def test_who_is_held_up_modestly_says_it_in_words_only_and_the_agreement_follows
         heads = [line.split(" ")[3].replace(">", "") for line in agreed.lines if line.startswith("said")]
         found += heads[-1] != "".join(order) and agreed.lines[-1][5] in held
     assert found > 3
+
+
+def test_ties_go_to_the_first_letter_unless_that_was_worse_or_overtakes_a_leader() -> None:
+    situation = make_situation(0)
+    seen = [replace(one, zone_s=(2.0, 3.0), follows="") for one in situation.views[0].members]
+    tied = replace(situation, views=(replace(situation.views[0], members=tuple(seen)), *situation.views[1:]))
+    assert settle_ties(tied, "CBA") == "ABC" and settle_ties(situation, "CBA") == "CBA"
+    tried = tuple(OrderOutcome(order, 0.9 if order == "CBA" else 0.5, 0, 0.0) for order in ("CBA", "BCA", "CAB"))
+    assert settle_ties(replace(tied, outcomes=tried), "CBA") == "CBA"
+    seen[0] = replace(seen[0], follows="C")
+    behind = replace(tied, views=(replace(tied.views[0], members=tuple(seen)), *tied.views[1:]))
+    assert settle_ties(behind, "CBA") == "BCA"
 
 
 def test_orders_with_holds() -> None:

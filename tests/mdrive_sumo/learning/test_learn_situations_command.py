@@ -74,6 +74,15 @@ def test_dialogues_are_written_twice_the_same_and_read(collected: Path, tmp_path
     assert twin.exit_code == 0 and len(silent) == len(samples) and silent.length.mean() < samples.length.mean() - 10
 
 
+def test_folders_of_two_splits_are_refused_and_of_one_are_added(collected: Path, tmp_path: Path) -> None:
+    both = "--situations", collected, "--situations"
+    ended = learn("dialogues", *both, collected, "--out", tmp_path / "out", "--repeats", 1)
+    assert f"about {2 * len(read_all(collected))} situations" in ended.output
+    (tmp_path / INDEX_NAME).write_text('{"format": "mdrive-sumo situations 1", "split": "val", "files": ["x"]}')
+    ended = learn("dialogues", *both, tmp_path, "--out", tmp_path / "out")
+    assert ended.exit_code == 2 and "expected situations of the split train, as before, found val" in ended.output
+
+
 def test_a_collection_goes_on_and_another_one_is_refused(short_suite: Path, collected: Path) -> None:
     again = collect(short_suite, collected, "--searched", 1, "--orders", 2)
     assert again.exit_code == 0 and "continuing: 1 of 1 scenarios are there" in again.output

@@ -91,14 +91,15 @@ def test_teachers_and_candidates() -> None:
     graph, group = build_conflict_graph(cars), ("a", "b")
     assert find_passing_order(cars, graph, group) == ("b", "a")  # b enters first
     assert sorted(find_rule_order(graph, group)) == ["a", "b"]
-    assert choose_candidates(cars, [("b", "a")], 6) == [("b", "a"), ("a", "b")]
+    assert choose_candidates(cars, graph, [("b", "a")], 6) == [("b", "a"), ("a", "b")]
     queue = [*cars, member("c", -20, 0, 0)]  # behind a
-    orders = choose_candidates(queue, [("c", "a", "b"), ("b", "a", "c")], 6)
+    behind = build_conflict_graph(queue)
+    orders = choose_candidates(queue, behind, [("c", "a", "b"), ("b", "a", "c")], 6)
     assert orders == [("b", "a", "c"), ("a", "b", "c"), ("a", "c", "b")]  # c stays behind a
-    assert choose_candidates(queue, [("b", "a", "c")], 2) == orders[:2]
+    assert choose_candidates(queue, behind, [("b", "a", "c")], 2) == orders[:2]
     many = [member(name, 0, 10 * i, 0) for i, name in enumerate("abcd")]
     taught = ("d", "c", "b", "a")
-    assert set(choose_candidates(many, [taught], 9)) == {
+    assert set(choose_candidates(many, build_conflict_graph(many), [taught], 9)) == {
         taught, ("c", "d", "b", "a"), ("d", "b", "c", "a"), ("d", "c", "a", "b"),
     }  # fmt: skip
 

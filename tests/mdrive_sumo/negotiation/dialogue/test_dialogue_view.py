@@ -10,6 +10,7 @@ from testing.negotiation_fakes import crossing, member
 from mdrive_sumo.contract import Cause, Objects, Reason
 from mdrive_sumo.contract.briefing import JunctionKind
 from mdrive_sumo.core.state import Kind
+from mdrive_sumo.negotiation.conflict_graph import build_conflict_graph
 from mdrive_sumo.negotiation.dialogue.dialogue_view import (
     MAX_TOLD,
     DialogueView,
@@ -58,7 +59,10 @@ def test_members_are_seen_from_the_viewer_with_their_zones() -> None:
 
 
 def test_members_that_share_nothing_have_no_zone() -> None:
-    assert find_zones([member("a", 0, 0, 0), member("b", 0, 50, 0)]) == {"a": None, "b": None}
+    apart = [member("a", 0, 0, 0), member("b", 0, 50, 0)]
+    assert find_zones(apart, build_conflict_graph(apart)) == {"a": None, "b": None}
+    late = [member("a", -10, 0, 0), member("b", 0, -30, math.pi / 2)]  # the same place, but not at the same time
+    assert find_zones(late, build_conflict_graph(late)) == {"a": None, "b": None}
 
 
 LEFT, FOLLOW, CHANGE = Direction.LEFT, Direction.FOLLOW, Direction.CHANGE_LEFT
