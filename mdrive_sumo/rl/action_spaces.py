@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium import spaces
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.rl.driving_actions import ANCHORS, CONTROL_WIDTH
+from mdrive_sumo.rl.driving_actions import CHOICES, CONTROL_WIDTH
 from mdrive_sumo.rl.env_settings import EnvSettings
 from mdrive_sumo.rl.episode_stepper import describe_shape
 from mdrive_sumo.rl.observation_vector import FARTHEST
@@ -15,18 +15,31 @@ from mdrive_sumo.rl.slot_arrays import SlotArrays
 
 CONTROL, MESSAGE = "control", "message"
 """Keys of an action that talks."""
+VECTOR, GRID = "vector", "grid"
+"""Keys of an observation with a grid."""
+AnyObservation = np.ndarray | dict[str, np.ndarray]
+"""A vector, or a dictionary of vector and grid."""
 
 
-def make_observation_space(settings: EnvSettings) -> spaces.Box:
-    """Return the space of one CAV's observation (numbers,)."""
-    return spaces.Box(-FARTHEST, FARTHEST, (describe_shape(settings, 1).observation,), np.float32)
+def make_observation_space(settings: EnvSettings) -> spaces.Space[Any]:
+    """Return the space of one CAV's observation: its vector (numbers,), or a dictionary of vector and grid."""
+    shape = describe_shape(settings, 1)
+    vector = spaces.Box(-FARTHEST, FARTHEST, (shape.observation,), np.float32)
+    if not settings.grid:
+        return vector
+    return spaces.Dict({VECTOR: vector, GRID: spaces.Box(0, 255, shape.grid, np.uint8)})
+
+
+def join_observation(vector: np.ndarray, grid: np.ndarray) -> AnyObservation:
+    """Return an observation, or a batch of them, of its two parts; a grid without cells is left out."""
+    return {VECTOR: vector, GRID: grid} if grid.size else vector
 
 
 def make_action_space(settings: EnvSettings) -> spaces.Space[Any]:
     """Return the space of one CAV's action: the control, or a dictionary of control and message (bytes,)."""
     control: spaces.Space[Any]
-    if settings.control == "anchors":
-        control = spaces.Discrete(len(ANCHORS))
+    if settings.control in CHOICES:
+        control = spaces.Discrete(CHOICES[settings.control])
     else:
         control = spaces.Box(-1.0, 1.0, (CONTROL_WIDTH[settings.control],), np.float32)
     if not settings.message_bytes:
@@ -50,9 +63,9 @@ def write_action(settings: EnvSettings, action: Any, slot: int, arrays: SlotArra
 
 def _read_control(control: Any, kind: str, place: str) -> np.ndarray:
     numbers = _read_numbers(control, place)
-    if kind == "anchors":
-        if numbers.size != 1 or numbers.item() not in range(len(ANCHORS)):
-            raise InputError(f"{place}: expected an anchor from 0 to {len(ANCHORS) - 1}, found {_describe(control)}")
+    if kind in CHOICES:
+        if numbers.size != 1 or numbers.item() not in range(CHOICES[kind]):
+            raise InputError(f"{place}: expected one of {kind} 0 to {CHOICES[kind] - 1}, found {_describe(control)}")
         return numbers.reshape(1)
     width = CONTROL_WIDTH[kind]
     if numbers.shape != (width,):

@@ -15,7 +15,10 @@ class EnvArguments(EpisodeArguments, total=False):
 
     suite: str
     scenarios: Sequence[str]
+    density: Sequence[int]
+    curriculum: Sequence[Mapping[str, Any]]
     view: str
+    grid: str
     control: str
     nearest: int
     message_bytes: int
@@ -37,5 +40,5 @@ def read_settings(arguments: EnvArguments) -> EnvSettings:
     options = {name: given.pop(name) for name in tuple(given) if name in episode}
     EpisodeOptions.parse(**options)  # said now, and not in the process of the environment
     settings = EnvSettings(**given, options=options)
-    _ = settings.cav_ids  # likewise
+    settings.check_scenarios()  # likewise
     return settings

@@ -75,7 +75,7 @@ class EpisodeProcess:
             self._await(self._state)
             self.process_id: int = self._receive(self._state)
             """Of the child."""
-            send_handle(self._connection, memory, self.process_id)
+            self._send_memory(memory)
             self._send(pickle.dumps((settings, shape)))
             self._await(self._connection)
             self._receive(self._connection, is_pickled=False)
@@ -97,7 +97,7 @@ class EpisodeProcess:
 
     def send_reset(self, episode: EpisodeChoice) -> None:
         """Ask for `reset`, whose result `receive` returns."""
-        self._send(json.dumps([episode.scenario, episode.seed]).encode())
+        self._send(json.dumps([episode.scenario, episode.seed, episode.suite]).encode())
 
     def send_step(self) -> None:
         """Ask for `step`, whose result `receive` returns."""
@@ -124,7 +124,13 @@ class EpisodeProcess:
         try:
             self._connection.send_bytes(words)
         except OSError:
-            raise LostProcessError("environment: its process has died") from None
+            raise LostProcessError(f"environment: its process has died{self._explain()}") from None
+
+    def _send_memory(self, memory: int) -> None:
+        try:
+            send_handle(self._connection, memory, self.process_id)
+        except OSError:
+            raise LostProcessError(f"environment: its process has died{self._explain()}") from None
 
     def _receive(self, connection: Connection, *, is_pickled: bool = True) -> Any:
         try:

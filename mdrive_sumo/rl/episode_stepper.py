@@ -17,6 +17,7 @@ from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
 from mdrive_sumo.rl import driving_actions
 from mdrive_sumo.rl.driving_reward import DrivingReward
 from mdrive_sumo.rl.env_settings import PRIVILEGED, EnvSettings, EpisodeChoice
+from mdrive_sumo.rl.grid_view import describe_grid, list_grid_sensors, read_grid
 from mdrive_sumo.rl.message_slots import LEARNED, MessageSlots
 from mdrive_sumo.rl.observation_vector import ObservationVector, count_numbers
 from mdrive_sumo.rl.route_cursor import RouteCursor
@@ -35,7 +36,8 @@ SlotInfo = dict[str, Any]
 def describe_shape(settings: EnvSettings, slots: int) -> SlotShape:
     """Return the sizes of the arrays of an environment."""
     width = count_numbers(settings.nearest, settings.senders, settings.message_bytes)
-    return SlotShape(slots, width, driving_actions.CONTROL_WIDTH[settings.control], settings.message_bytes)
+    control = driving_actions.CONTROL_WIDTH[settings.control]
+    return SlotShape(slots, width, control, settings.message_bytes, describe_grid(settings.grid))
 
 
 class _Learner:
@@ -47,9 +49,9 @@ class _Learner:
         self.cursor = RouteCursor(simulation.briefings[ego])
         self.heard = MessageSlots(settings.senders, settings.message_bytes)
         self.vector = ObservationVector(simulation.briefings[ego], self.cursor, self.heard, settings.nearest)
-        self.reward = DrivingReward(scenario_ego)
-        self.target: tuple[float, float] | None = None
-        """Target speed [m/s] and offset [m] of the latest action, unless it was pedals."""
+        self.reward = DrivingReward(scenario_ego, simulation.scenario, simulation.roads)
+        self.plan: driving_actions.PlanSource | None = None
+        """Plans of the latest action, unless it was pedals."""
 
 
 class EpisodeStepper:
@@ -63,18 +65,19 @@ class EpisodeStepper:
         self._others: dict[str, LocalDriver] = {}
         self._observations: Mapping[str, Observation] = {}
         self._egos: dict[int, str] = {}
-        self._suites: dict[str, Suite] = {}
+        self._suites: dict[tuple[str, str], Suite] = {}
 
     def reset(self, episode: EpisodeChoice) -> dict[int, SlotInfo]:
         """Start an episode; write the first observations, and return infos by slot. Raises InputError, WorldError."""
         settings, arrays = self._settings, self._arrays
         self.close()
-        ids = settings.cav_ids[episode.scenario]
+        ids = settings.find_cavs(episode)
         others = self._open_others(ids)
         seeing = () if settings.view == PRIVILEGED else (OWN_SENSOR,)
+        seeing += list_grid_sensors(settings.grid, settings.ticks_per_decision)
         sensors = {ego: others[ego].sensors() if ego in others else seeing for ego in ids}
         simulation = Simulation(
-            episode.scenario, seed=episode.seed, suite=self._load_suite(episode.scenario), sensors=sensors,
+            episode.scenario, seed=episode.seed, suite=self._load_suite(episode), sensors=sensors,
             **settings.options,
         )  # fmt: skip
         learning = [ego for ego in ids if ego not in others]
@@ -86,6 +89,7 @@ class EpisodeStepper:
         self._simulation = simulation
         self._observations = simulation.reset()
         arrays.observations[:] = 0.0
+        arrays.grids[:] = 0
         arrays.rewards[:] = 0.0
         arrays.status[:] = SlotStatus.RESTING
         for slot, learner in self._learners.items():
@@ -94,7 +98,8 @@ class EpisodeStepper:
             arrays.status[slot] = SlotStatus.ACTIVE
         self._write_observations(simulation)
         return {
-            slot: {"cav": ego, "scenario": episode.scenario, "seed": episode.seed} for slot, ego in self._egos.items()
+            slot: {"cav": ego, "suite": episode.suite, "scenario": episode.scenario, "seed": episode.seed}
+            for slot, ego in self._egos.items()
         }
 
     def step(self) -> dict[int, SlotInfo]:
@@ -131,11 +136,12 @@ class EpisodeStepper:
             self._simulation.close()
             self._simulation = None
 
-    def _load_suite(self, scenario: str) -> Suite:
+    def _load_suite(self, episode: EpisodeChoice) -> Suite:
         """Return the suite with this scenario only, read once: a whole suite takes a tenth of a second."""
-        if scenario not in self._suites:
-            self._suites[scenario] = load_suite_of_one(find_suite_folder(self._settings.suite), scenario)
-        return self._suites[scenario]
+        key = (episode.suite, episode.scenario)
+        if key not in self._suites:
+            self._suites[key] = load_suite_of_one(find_suite_folder(episode.suite), episode.scenario)
+        return self._suites[key]
 
     def _open_others(self, egos: tuple[str, ...]) -> dict[str, LocalDriver]:
         """Return a driver for every CAV that is no learner."""
@@ -145,7 +151,7 @@ class EpisodeStepper:
         return {ego: LocalDriver(AGENTS[agent]({})) for place, ego in enumerate(egos) if place != learner}
 
     def _read_actions(self) -> dict[str, Reply]:
-        """Return the pedals of the CAVs that are driven by pedals, with their messages; keep the targets of others."""
+        """Return the pedals of the CAVs that are driven by pedals, with their messages; keep the plans of others."""
         arrays, settings = self._arrays, self._settings
         replies: dict[str, Reply] = {}
         for slot, learner in self._learners.items():
@@ -156,17 +162,17 @@ class EpisodeStepper:
                 pedals = driving_actions.make_pedals(action)
                 replies[learner.ego] = Reply(control=pedals.control, messages=self._read_message(slot))
             else:
-                learner.target = driving_actions.read_target(settings.control, action)
+                seen = self._observations[learner.ego]
+                learner.plan = driving_actions.make_plan_source(settings.control, action, learner.cursor, seen)
         return replies
 
     def _add_plans(self, replies: dict[str, Reply], *, with_message: bool) -> None:
-        """Add the plan of this tick of each CAV with a target; its message goes out with the first one."""
+        """Add the plan of this tick of each CAV that has one; its message goes out with the first one."""
         for slot, learner in self._learners.items():
             seen = self._observations.get(learner.ego)
-            if learner.target is not None and seen is not None:
-                plan = driving_actions.plan_along_route(learner.cursor, seen.own, *learner.target)
+            if learner.plan is not None and seen is not None:
                 says = self._read_message(slot) if with_message and self._arrays.asked[slot] else ()
-                replies[learner.ego] = Reply(plan=plan, messages=says)
+                replies[learner.ego] = Reply(plan=learner.plan(seen), messages=says)
 
     def _read_message(self, slot: int) -> tuple[Message, ...]:
         if not self._settings.message_bytes:
@@ -200,6 +206,9 @@ class EpisodeStepper:
     def _write_observations(self, simulation: Simulation) -> None:
         """Write the observation of every learner that drives."""
         rows, frame = self._arrays.observations, simulation.frame
+        if self._settings.grid:
+            for slot, learner in self._learners.items():
+                self._arrays.grids[slot] = read_grid(self._settings.grid, self._observations[learner.ego])
         if self._settings.view != PRIVILEGED:
             for slot, learner in self._learners.items():
                 seen = self._observations[learner.ego]

@@ -3,22 +3,27 @@
 from collections.abc import Mapping
 from typing import Any, ClassVar, Unpack
 
-import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.rl.action_spaces import make_action_space, make_observation_space, write_action
+from mdrive_sumo.rl.action_spaces import (
+    AnyObservation,
+    join_observation,
+    make_action_space,
+    make_observation_space,
+    write_action,
+)
 from mdrive_sumo.rl.env_arguments import EnvArguments, read_settings
 from mdrive_sumo.rl.episode_process import EpisodeProcess, Episodes, LocalEpisodes
 from mdrive_sumo.rl.slot_arrays import SlotStatus
 from mdrive_sumo.runs.run_config import read_seed
 
-Observations = dict[str, np.ndarray]
+Observations = dict[str, AnyObservation]
 Infos = dict[str, dict[str, Any]]
 
 
-class ParallelDrivingEnv(ParallelEnv[str, np.ndarray, Any]):
+class ParallelDrivingEnv(ParallelEnv[str, AnyObservation, Any]):
     """A PettingZoo environment: agents `cav_0`, `cav_1`, ... are the CAVs in the order of the scenario file.
 
     A step is a decision. A CAV that ends is terminated and never comes back; a step gives results of all agents that
@@ -122,8 +127,11 @@ class ParallelDrivingEnv(ParallelEnv[str, np.ndarray, Any]):
 
     def _collect_observations(self) -> Observations:
         assert self._episodes is not None
-        rows = self._episodes.arrays.observations
-        return {agent: rows[self._slot_by_agent[agent]].copy() for agent in self.agents}
+        arrays, slots = self._episodes.arrays, self._slot_by_agent
+        return {
+            agent: join_observation(arrays.observations[slots[agent]].copy(), arrays.grids[slots[agent]].copy())
+            for agent in self.agents
+        }
 
     def _why(self, agent: object) -> str:
         return "it has ended" if agent in self._slot_by_agent else "no such agent"

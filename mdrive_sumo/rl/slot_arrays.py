@@ -30,6 +30,8 @@ class SlotShape(NamedTuple):
     """Numbers in the part of an action that drives."""
     message: int
     """Bytes in the part that talks."""
+    grid: tuple[int, ...] = (0,)
+    """Layers, rows and columns of the grid in an observation; without any cell: there is none."""
 
 
 class SlotArrays(NamedTuple):
@@ -47,6 +49,8 @@ class SlotArrays(NamedTuple):
     """(slots,) 1 where the owner gives an action; other CAVs repeat their last control."""
     status: npt.NDArray[np.uint8]
     """(slots,) values of `SlotStatus`."""
+    grids: npt.NDArray[np.uint8]
+    """(slots, layers, rows, columns), the second part of an observation."""
 
     @classmethod
     def lay_out(cls, shape: SlotShape, memory: Any = None) -> Self:
@@ -75,4 +79,5 @@ def _list_arrays(shape: SlotShape) -> list[tuple[tuple[int, ...], type]]:
         ((slots, shape.message), np.uint8),
         ((slots,), np.uint8),
         ((slots,), np.uint8),
+        ((slots, *shape.grid), np.uint8),
     ]

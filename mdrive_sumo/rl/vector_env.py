@@ -9,7 +9,15 @@ from gymnasium.vector.utils import batch_space
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
-from mdrive_sumo.rl.action_spaces import CONTROL, MESSAGE, make_action_space, make_observation_space, write_action
+from mdrive_sumo.rl.action_spaces import (
+    CONTROL,
+    MESSAGE,
+    AnyObservation,
+    join_observation,
+    make_action_space,
+    make_observation_space,
+    write_action,
+)
 from mdrive_sumo.rl.env_arguments import EnvArguments, read_settings
 from mdrive_sumo.rl.env_settings import EpisodeChoice
 from mdrive_sumo.rl.episode_process import EpisodeProcess, LostProcessError, serve_episodes
@@ -21,7 +29,7 @@ from mdrive_sumo.runs.run_config import read_seed
 MOST_WORKERS = 512
 
 
-class VectorDrivingEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
+class VectorDrivingEnv(VectorEnv[AnyObservation, Any, np.ndarray]):
     """`workers` processes with `settings.slots` learners each: environment `worker * slots + slot` is one learner.
 
     A learner whose CAV ended rests until the episode of its worker is over: `infos["is_active"]` (num_envs,) tells
@@ -63,14 +71,14 @@ class VectorDrivingEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    ) -> tuple[AnyObservation, dict[str, Any]]:
         """Start an episode in every worker; `seed` is that of all. See `ParallelDrivingEnv.reset` for the options."""
         if seed is not None:
             self._seed, self._numbers = read_seed(seed), [0] * self.workers  # pyright: ignore[reportArgumentType] - a list is refused there
         self._begin_episodes(range(self.workers), options or {})
-        return self._stack("observations"), {"is_active": self._stack("status") == SlotStatus.ACTIVE}
+        return self._stack_observations(), {"is_active": self._stack("status") == SlotStatus.ACTIVE}
 
-    def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: Any) -> tuple[AnyObservation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Drive one decision in every worker. actions: a batch of `action_space`; those of resting rows are not read.
 
         Raises InputError. A worker that has died is named by a RuntimeWarning and begins its next episode; its
@@ -96,7 +104,7 @@ class VectorDrivingEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         self._begin_episodes([*over, *lost], {})
         is_active = self._stack("status") == SlotStatus.ACTIVE
         infos: dict[str, Any] = {"is_active": is_active, "scores": scores, "restarted": tuple(lost)}
-        observations = self._stack("observations")
+        observations = self._stack_observations()
         return observations, rewards, status == SlotStatus.TERMINATED, status == SlotStatus.TRUNCATED, infos
 
     def close_extras(self, **_: Any) -> None:
@@ -141,6 +149,9 @@ class VectorDrivingEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         lost.close()
         process = self._processes[worker] = EpisodeProcess(self.settings, self._server)
         process.arrays.status[was_active] = SlotStatus.TRUNCATED
+
+    def _stack_observations(self) -> AnyObservation:
+        return join_observation(self._stack("observations"), self._stack("grids"))
 
     def _stack(self, name: str) -> np.ndarray:
         return np.concatenate([getattr(process.arrays, name) for process in self._processes])

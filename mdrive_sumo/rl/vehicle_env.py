@@ -3,8 +3,8 @@
 from typing import Any, Unpack, cast
 
 import gymnasium
-import numpy as np
 
+from mdrive_sumo.rl.action_spaces import AnyObservation
 from mdrive_sumo.rl.env_arguments import EnvArguments
 from mdrive_sumo.rl.parallel_env import ParallelDrivingEnv
 
@@ -14,7 +14,7 @@ LEARNER = "cav_0"
 """The only agent of the environment underneath."""
 
 
-class VehicleEnv(gymnasium.Env[np.ndarray, Any]):
+class VehicleEnv(gymnasium.Env[AnyObservation, Any]):
     """A Gymnasium environment. It does not reset itself: `reset` is the caller's."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
@@ -32,13 +32,13 @@ class VehicleEnv(gymnasium.Env[np.ndarray, Any]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    ) -> tuple[AnyObservation, dict[str, Any]]:
         """See `ParallelDrivingEnv.reset`."""
         super().reset(seed=seed)
         observations, infos = self._env.reset(seed, options)
         return observations[LEARNER], infos[LEARNER]
 
-    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[AnyObservation, float, bool, bool, dict[str, Any]]:
         """See `ParallelDrivingEnv.step`. After the CAV of the learner ended, the others drive no further."""
         observations, rewards, terminated, truncated, infos = self._env.step({LEARNER: action})
         return observations[LEARNER], rewards[LEARNER], terminated[LEARNER], truncated[LEARNER], infos[LEARNER]

@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 
+from mdrive_sumo.rl.driving_actions import CHOICES
 from mdrive_sumo.rl.env_settings import EnvSettings
 from mdrive_sumo.rl.episode_process import LocalEpisodes
 from mdrive_sumo.rl.slot_arrays import SlotStatus
@@ -75,8 +76,8 @@ def main() -> None:
 def _draw_actions(episodes: LocalEpisodes, settings: EnvSettings, draw: np.random.Generator) -> None:
     arrays = episodes.arrays
     arrays.asked[:] = 1
-    if settings.control == "anchors":
-        arrays.controls[:] = draw.integers(0, 15, arrays.controls.shape)
+    if settings.control in CHOICES:
+        arrays.controls[:] = draw.integers(0, CHOICES[settings.control], arrays.controls.shape)
     else:
         arrays.controls[:] = draw.uniform((-0.1, -0.02), (0.5, 0.02), arrays.controls.shape)
 

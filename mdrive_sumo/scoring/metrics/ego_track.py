@@ -32,6 +32,21 @@ class EpisodeMismatch(Exception):
     """A recording contradicts its own frames: an error of this benchmark, never of a participant."""
 
 
+@dataclass(frozen=True, slots=True)
+class TrackPiece:
+    """The latest n ticks of a CAV that still drives: what the rules read of an `EgoTrack`, under the same names."""
+
+    xy: Float
+    """(n, 2) [m]"""
+    yaw: Float
+    """(n,) [rad]"""
+    speed: Float
+    """(n,) signed along yaw [m/s]."""
+    nearest: NearestLanes
+    """(n,)"""
+    roads: RoadMap
+
+
 @dataclass(frozen=True)
 class EgoTrack:
     """The n ticks of one CAV, from tick 0 to the tick in which it ended, inclusive."""

@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Bool, wrap_angles
-from mdrive_sumo.scoring.criteria import advance_index
-from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent
+from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
+from mdrive_sumo.roads.road_map import NearestLanes
+from mdrive_sumo.scoring.criteria import RouteReference, advance_index
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent, TrackPiece
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
 OUTSIDE_LANES = "outside-lanes"
@@ -32,24 +33,17 @@ def find_lane_infractions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
 
 def compute_wrong_share(track: EgoTrack) -> float:
     """Return the share in [0, 1] of the distance driven outside lanes or on a wrong lane; 0 without any distance."""
-    reference, index = track.reference, 0
-    total = wrong = 0.0
-    is_infringing = find_infringing_ticks(track).tolist()
-    for (x, y), infringes in zip(track.xy.tolist(), is_infringing, strict=True):
-        now = advance_index(reference, index, DISTANCE_WINDOW, x, y)
-        if now > index:
-            total += reference.s[now] - reference.s[index]
-            wrong += (reference.s[now] - reference.s[index]) * infringes
-            index = now
-    return wrong / total if wrong else 0.0
+    watch = LaneWatch(track.reference)
+    watch.add(track)
+    return watch.wrong_share
 
 
 def find_infringing_ticks(track: EgoTrack) -> Bool:
     """Return an (n,) mask: the CAV is outside lanes or on a wrong lane."""
-    return find_outside_lanes(track) | find_wrong_lane(track)
+    return LaneWatch(track.reference).add(track)
 
 
-def find_outside_lanes(track: EgoTrack) -> Bool:
+def find_outside_lanes(track: EgoTrack | TrackPiece) -> Bool:
     """Return an (n,) mask: the centre is over half a lane width + 1.3 m off the nearest lane's centre line.
 
     SUMO has no parking lanes, which the original allows as well.
@@ -58,25 +52,70 @@ def find_outside_lanes(track: EgoTrack) -> Bool:
     return nearest.distance > track.roads.lane_width[nearest.lane] / 2 + OUTSIDE_MARGIN_M
 
 
-def find_wrong_lane(track: EgoTrack) -> Bool:
-    """Return an (n,) mask: the CAV drives on a lane of the opposite direction, as the original decides it.
+class LaneWatch:
+    """The lanes that one CAV drives on, whole tracks or piece by piece as it drives, with the same result."""
 
-    False inside a junction and on the first lane. Elsewhere the value changes with the nearest lane only: after a
-    junction it is true if CAV and lane form at least 120 degrees; after another lane it flips if the lane direction
-    turned by 150 degrees or more, and is false otherwise.
-    """
-    nearest = track.nearest
-    junction = track.roads.in_junction[nearest.lane]
-    against = np.abs(wrap_angles(track.yaw - nearest.yaw)) >= WRONG_AFTER_JUNCTION_RAD
-    turned = np.zeros(len(junction), dtype=np.bool_)
-    turned[1:] = np.abs(wrap_angles(np.diff(nearest.yaw))) >= WRONG_BETWEEN_LANES_RAD
-    wrong = np.zeros(len(junction), dtype=np.bool_)
-    changes = np.flatnonzero(np.diff(nearest.lane)) + 1
-    for begin, end in pairwise((*changes.tolist(), len(junction))):
-        if not junction[begin]:
-            before = bool(wrong[begin - 1])
-            wrong[begin:end] = against[begin] if junction[begin - 1] else turned[begin] and not before
-    return wrong
+    def __init__(self, reference: RouteReference) -> None:
+        self._reference = reference
+        self._index = 0
+        self._driven_m = 0.0
+        self._wrong_m = 0.0
+        self._before = NearestLanes(np.zeros(0, np.intp), np.zeros(0), np.zeros(0))
+        """Of the last tick of the piece before: one row; none before the first piece."""
+        self._is_wrong_lane = False
+        """In that tick."""
+
+    @property
+    def wrong_share(self) -> float:
+        """The share in [0, 1] of the distance so far outside lanes or on a wrong lane; 0 without any distance."""
+        return self._wrong_m / self._driven_m if self._wrong_m else 0.0
+
+    def add(self, piece: EgoTrack | TrackPiece) -> Bool:
+        """Take the next ticks, and return in which of them (n,) the CAV is outside lanes or on a wrong lane."""
+        infringing = find_outside_lanes(piece) | self.find_wrong_lane(piece)
+        reference = self._reference
+        for (x, y), infringes in zip(piece.xy.tolist(), infringing.tolist(), strict=True):
+            now = advance_index(reference, self._index, DISTANCE_WINDOW, x, y)
+            if now > self._index:
+                self._driven_m += reference.s[now] - reference.s[self._index]
+                self._wrong_m += (reference.s[now] - reference.s[self._index]) * infringes
+                self._index = now
+        return infringing
+
+    def find_wrong_lane(self, piece: EgoTrack | TrackPiece) -> Bool:
+        """Return an (n,) mask of the next ticks: the CAV drives on a lane of the opposite direction.
+
+        False inside a junction and on the first lane. Elsewhere the value changes with the nearest lane only, as the
+        original decides it: after a junction it is true if CAV and lane form at least 120 degrees; after another lane
+        it flips if the lane direction turned by 150 degrees or more, and is false otherwise.
+        """
+        before = self._before
+        first = len(before.lane)  # row of the first new tick
+        lane = np.concatenate((before.lane, piece.nearest.lane))
+        lane_yaw = np.concatenate((before.yaw, piece.nearest.yaw))
+        wrong = np.full(len(lane), self._is_wrong_lane)
+        changes = np.flatnonzero(np.diff(lane)) + 1
+        if len(changes):
+            self._judge_changes(piece, lane, lane_yaw, changes, wrong)
+        self._before = NearestLanes(lane[-1:], np.zeros(1), lane_yaw[-1:])
+        self._is_wrong_lane = bool(wrong[-1])
+        return wrong[first:]
+
+    def _judge_changes(
+        self, piece: EgoTrack | TrackPiece, lane: Int, lane_yaw: Float, changes: Int, wrong: Bool
+    ) -> None:
+        """Write into `wrong` (m,) what holds from each of the rows `changes` on, in which the nearest lane is new."""
+        junction = piece.roads.in_junction[lane]
+        new = changes - (len(lane) - len(piece.yaw))
+        against = np.abs(wrap_angles(piece.yaw[new] - piece.nearest.yaw[new])) >= WRONG_AFTER_JUNCTION_RAD
+        turned = np.abs(wrap_angles(lane_yaw[changes] - lane_yaw[changes - 1])) >= WRONG_BETWEEN_LANES_RAD
+        for change, (begin, end) in enumerate(pairwise((*changes.tolist(), len(lane)))):
+            if junction[begin]:
+                wrong[begin:end] = False
+            elif junction[begin - 1]:
+                wrong[begin:end] = against[change]
+            else:
+                wrong[begin:end] = turned[change] and not wrong[begin - 1]
 
 
 LANE_INFRACTIONS = InfractionMetric("lanes", find_lane_infractions)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.rl.env_arguments import EnvArguments, read_settings
 from mdrive_sumo.rl.env_settings import EnvSettings
+from mdrive_sumo.scenario.suite import load_suite
 
 IDS = ("i01_ins_c_main_street_right", "i25_ins_oppo_boulevard", "i37_ins_chaos_boulevard")
 SETTINGS = EnvSettings(scenarios=IDS)
@@ -18,7 +19,10 @@ SETTINGS = EnvSettings(scenarios=IDS)
     ("arguments", "sentence"),
     [
         ({"view": "all"}, "environment: view: expected one of own, privileged, found 'all'"),
-        ({"control": "pedal"}, "control: expected one of pedals, speed-offset, anchors, found 'pedal'; did you mean"),
+        (
+            {"control": "pedal"},
+            "control: expected one of pedals, speed-offset, targets, anchors, found 'pedal'; did you mean",
+        ),
         ({"nearest": 65}, "nearest: expected an integer from 0 to 64, found 65"),
         ({"nearest": True}, "nearest: expected an integer from 0 to 64, found True"),
         ({"message_bytes": 15}, "message_bytes: expected an integer from 16 to 256, found 15"),
@@ -28,6 +32,13 @@ SETTINGS = EnvSettings(scenarios=IDS)
         ({"scenarios": "i01"}, "scenarios: expected a list of ids, found the text 'i01'"),
         ({"scenarios": ["i01"]}, "scenario 'i01': expected the id of a scenario in suite"),
         ({"suite": "interdrve"}, "interdrve"),
+        ({"density": (3, 1)}, "environment: density: expected two integers, the least first, found (3, 1)"),
+        ({"density": (900, 999)}, "expected scenarios with 900 to 999 other road users in interdrive@0, found none"),
+        ({"curriculum": "easy"}, "environment: curriculum: expected a list of stages, found 'easy'"),
+        ({"curriculum": [{"season": 1}]}, "curriculum: stage 0: expected one of suite, scenarios, density, episodes"),
+        ({"curriculum": [{}, {}]}, "stage 0: episodes: expected at least 1, for another stage follows, found 0"),
+        ({"curriculum": [{"scenarios": IDS, "episodes": "x"}]}, "episodes: expected an integer, found 'x'"),
+        ({"curriculum": [{"scenarios": IDS[:1]}], "others": "idm", "learner": 5}, "expected a CAV 5 in each"),
         ({"views": "own"}, "environment: argument: expected one of"),
         ({"comm": "telepathy"}, "telepathy"),
     ],
@@ -42,7 +53,7 @@ def test_bad_settings_are_one_sentence(arguments: dict[str, Any], sentence: str)
 
 def test_slots_are_those_of_the_scenario_with_the_most_cavs() -> None:
     assert SETTINGS.slots == 8
-    assert [len(SETTINGS.cav_ids[name]) for name in IDS] == [2, 4, 8]
+    assert [len(SETTINGS.stages[0].cav_ids[name]) for name in IDS] == [2, 4, 8]
     assert read_settings(EnvArguments(scenarios=IDS, others="idm")).slots == 1
 
 
@@ -59,6 +70,24 @@ def test_episodes_differ_and_cover_all_scenarios() -> None:
     assert {one.scenario for one in drawn} == set(IDS)
     assert len({one.seed for one in drawn}) == 60
     assert EnvSettings(scenarios=IDS, vary=False).choose_episode(0, 5, {}).seed == 0
+
+
+def test_a_curriculum_changes_the_scenarios_at_its_episodes() -> None:
+    stages = [
+        {"scenarios": IDS[:1], "episodes": 2},
+        {"scenarios": IDS[1:], "episodes": 3},
+        {"suite": "mdrive@1", "density": (80, 999)},
+    ]
+    settings = EnvSettings(curriculum=stages)
+    drawn = [settings.choose_episode(1, number, {}) for number in range(9)]
+    assert {one.scenario for one in drawn[:2]} == {IDS[0]}
+    assert {one.scenario for one in drawn[2:5]} <= set(IDS[1:])
+    assert {one.suite for one in drawn[5:]} == {"mdrive@1"}
+    crowded = settings.stages[2].cav_ids
+    assert all(one.scenario in crowded for one in drawn[5:])
+    assert 0 < len(crowded) < len(load_suite("mdrive@1"))
+    assert settings.find_cavs(drawn[0]) == settings.stages[0].cav_ids[IDS[0]]
+    assert settings.choose_episode(1, 0, {"scenario": drawn[6].scenario}).suite == "mdrive@1"
 
 
 def test_a_reset_may_name_its_episode() -> None:

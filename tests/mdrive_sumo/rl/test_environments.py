@@ -19,6 +19,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.rl import ParallelDrivingEnv, VectorDrivingEnv, VehicleEnv
 from mdrive_sumo.rl.registration import ENV_ID
+from mdrive_sumo.sensing.raster_sensor import LAYERS
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 SCENARIO = "i25_ins_oppo_boulevard"
@@ -48,7 +49,7 @@ def test_pettingzoo_accepts_the_environment(suite: str) -> None:
 
 
 def test_two_environments_of_one_seed_are_the_same(suite: str) -> None:
-    parallel_seed_test(lambda: pettingzoo.make("parallel", ENV_ID, suite=suite, control="anchors"), 10)
+    parallel_seed_test(lambda: pettingzoo.make("parallel", ENV_ID, suite=suite, control="targets"), 10)
 
 
 def test_gymnasium_accepts_the_environment(suite: str) -> None:
@@ -156,17 +157,38 @@ def test_other_cavs_are_driven_by_an_agent(suite: str) -> None:
     made.close()
 
 
+@pytest.mark.parametrize("grid", ["raster", "lidar"])
+def test_a_grid_shows_what_the_sensors_see(suite: str, grid: str) -> None:
+    made = VehicleEnv(suite=suite, scenarios=[SCENARIO], grid=grid, control="anchors", nearest=2, own_process=False)
+    check_env(made, skip_render_check=True)
+    observation, _ = made.reset(seed=0)
+    seen, *_ = made.step(0)
+    made.close()
+    assert isinstance(observation, dict)
+    assert isinstance(seen, dict)
+    assert made.observation_space.contains(seen)
+    if grid == "raster":
+        layers = dict(zip(LAYERS, seen["grid"], strict=True))
+        assert layers["self"][31:33, 31:33].all()  # 2 m x 2 m of the car, in the middle
+        assert (layers["self"] > 0).sum() == pytest.approx(4.9 * 2.1, abs=6)  # cells of 1 m2
+        assert layers["route"][:32].any()  # ahead
+    else:
+        assert seen["grid"].sum() > 10_000  # of 25 024 rays
+        assert not seen["grid"][:, 48, 32].any()  # under the car
+
+
 def test_workers_drive_episodes_of_their_own_and_a_lost_one_is_replaced(suite: str) -> None:
-    made = VectorDrivingEnv(2, suite=suite, scenarios=[SCENARIO], control="anchors")
+    made = VectorDrivingEnv(2, suite=suite, scenarios=[SCENARIO], control="targets")
     first, infos = made.reset(seed=3)
+    assert isinstance(first, np.ndarray)
     assert first.shape == made.observation_space.shape
     assert len(first) == 8
     assert infos["is_active"].all()
     assert not np.array_equal(first[:4], first[4:])
-    alone = ParallelDrivingEnv(suite=suite, scenarios=[SCENARIO], control="anchors", own_process=False)
+    alone = ParallelDrivingEnv(suite=suite, scenarios=[SCENARIO], control="targets", own_process=False)
     of_worker, _ = alone.reset(seed=derive_seed(3, "rl-worker", "1"))
     alone.close()
-    assert np.array_equal(first[4:], np.stack(list(of_worker.values())))
+    assert np.array_equal(first[4:], np.array(list(of_worker.values())))
     scores: dict[int, Any] = {}
     while len(scores) < 8:
         observations, _, terminated, truncated, infos = made.step(np.full(8, 10))

@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from testing.straight_route import make_own_state, make_straight_briefing
 
+from mdrive_sumo.agents.learned import plan_anchors
+from mdrive_sumo.agents.learned.ego_frame import convert_to_ego
 from mdrive_sumo.contract import Briefing, Control, Message, Objects, Observation, OwnState
-from mdrive_sumo.rl.driving_actions import ANCHORS, make_pedals, plan_along_route, read_target
+from mdrive_sumo.rl.driving_actions import TARGETS, make_pedals, make_plan_source, plan_along_route, read_target
 from mdrive_sumo.rl.message_slots import LEARNED, MessageSlots, count_message_numbers
 from mdrive_sumo.rl.observation_vector import (
     OBJECT_NUMBERS,
@@ -84,7 +86,7 @@ def test_pedals_and_steering() -> None:
 
 def test_targets() -> None:
     assert read_target("speed-offset", np.array((0.0, -1.0), np.float32)) == (8.0, -3.5)
-    assert read_target("anchors", np.array((14.0,), np.float32)) == ANCHORS[14] == (12.0, 3.5)
+    assert read_target("targets", np.array((14.0,), np.float32)) == TARGETS[14] == (12.0, 3.5)
 
 
 def test_a_plan_reaches_speed_and_offset() -> None:
@@ -106,6 +108,17 @@ def test_a_plan_goes_on_beyond_the_route() -> None:
     assert plan.points[-1] == pytest.approx((115.0, 0.0))
 
 
+@given(anchor=st.integers(0, plan_anchors.ANCHORS - 1), x=st.floats(0, 90), yaw=st.floats(-3, 3))
+def test_an_anchor_stays_where_it_was_chosen(anchor: int, x: float, yaw: float) -> None:
+    """Its points in the car's frame are those of the vocabulary, and ticks later the plan is the rest of the way."""
+    own = make_own_state(x=x, yaw=yaw)
+    source = make_plan_source("anchors", np.array((anchor,), np.float32), RouteCursor(BRIEFING), Observation(8, own))
+    first, later = source(Observation(8, own)), source(Observation(18, make_own_state(x=x + 2.0)))
+    assert convert_to_ego(first.points, own) == pytest.approx(plan_anchors.build_anchors().points[anchor], abs=1e-9)
+    assert first.interval_s == 0.5
+    assert later.points[:-1] == pytest.approx(first.points[1:], abs=1e-9)  # half a second later
+
+
 def test_messages_keep_their_slots() -> None:
     slots = MessageSlots(senders=2, length=16)
     first, second, late = bytes(range(16)), b"\xff" * 16, b"\x01" * 16
@@ -121,7 +134,9 @@ def test_messages_keep_their_slots() -> None:
     assert count_message_numbers(3, 0) == 0
 
 
-@given(shape=st.tuples(*[st.integers(0, 9)] * 4).map(lambda sizes: SlotShape(*sizes)))
+@given(
+    shape=st.tuples(*[st.integers(0, 9)] * 4, st.tuples(*[st.integers(0, 5)] * 3)).map(lambda sizes: SlotShape(*sizes))
+)
 def test_arrays_over_one_memory_do_not_overlap(shape: SlotShape) -> None:
     arrays = SlotArrays.lay_out(shape, bytearray(count_bytes(shape)))
     for value, array in enumerate(arrays, start=1):

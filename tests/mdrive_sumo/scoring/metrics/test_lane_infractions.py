@@ -21,7 +21,7 @@ from testing.scored_records import move_aside, record
 from mdrive_sumo.core.state import End
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scoring.metrics.ego_track import build_ego_track
-from mdrive_sumo.scoring.metrics.lane_infractions import find_outside_lanes, find_wrong_lane
+from mdrive_sumo.scoring.metrics.lane_infractions import LaneWatch, find_outside_lanes
 
 FAILED = 0.6
 """Factor of the end of these drives: the agent fails."""
@@ -78,7 +78,8 @@ def test_on_the_oncoming_lane_is_on_the_wrong_lane() -> None:
 def wrongs(rows: Sequence[Row], on: RoadMap) -> list[bool]:
     about = scenario()
     recorded = episode(about, {"0": rows}, {"0": End.AGENT_FAILED})
-    return find_wrong_lane(build_ego_track(recorded, about, on, 0)).tolist()
+    track = build_ego_track(recorded, about, on, 0)
+    return LaneWatch(track.reference).find_wrong_lane(track).tolist()
 
 
 def test_a_cav_that_starts_on_the_oncoming_lane_is_not_on_a_wrong_lane() -> None:
