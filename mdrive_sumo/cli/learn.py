@@ -14,6 +14,7 @@ from mdrive_sumo.cli.learn_detectors import train_command as train_detector_comm
 from mdrive_sumo.cli.learn_dialogues import dialogues_command, situations_command
 from mdrive_sumo.cli.learn_negotiator import export_command as export_negotiator_command
 from mdrive_sumo.cli.learn_negotiator import train_command as train_negotiator_command
+from mdrive_sumo.cli.learn_observation import command as observation_command
 from mdrive_sumo.cli.learn_scans import command as scans_command
 from mdrive_sumo.cli.learn_train import command as train_command
 from mdrive_sumo.cli.options import workers_option
@@ -112,3 +113,4 @@ command.add_command(situations_command)
 command.add_command(dialogues_command)
 command.add_command(train_negotiator_command)
 command.add_command(export_negotiator_command)
+command.add_command(observation_command)

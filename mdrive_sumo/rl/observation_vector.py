@@ -24,10 +24,27 @@ ROUTE_AHEAD_M = (5, 10, 20, 30, 50)
 """Distances along the route of the points in an observation."""
 FARTHEST = 4.0
 """Numbers are clipped to this size: nothing beyond 200 m or 64 m/s makes a difference."""
-OWN_NUMBERS = 9
-ROUTE_NUMBERS = 3 * len(ROUTE_AHEAD_M)
-RULE_NUMBERS = 8
-OBJECT_NUMBERS = 11
+LANE_M = 3.5
+"""Scale of offsets from the route."""
+USER_LENGTH_M, USER_WIDTH_M = 10.0, 2.5
+"""Scales of sizes: a lorry, and as wide as a vehicle may be."""
+OWN_COLUMNS = (
+    *("speed", "acceleration", "yaw rate", "steering", "offset left", "heading error"),
+    *("route left", "time left", "speed limit"),
+)
+ROUTE_COLUMNS = ("ahead", "left", "speed limit")
+RULE_COLUMNS = (
+    *("light", "is red", "is yellow", "is green", "stop sign", "junction begins", "junction ends", "may give way"),
+)
+OBJECT_COLUMNS = (
+    *("is there", "ahead", "left", "heading cos", "heading sin", "speed ahead", "speed left", "length", "width"),
+    *("is vehicle", "is static"),
+)
+"""What the numbers of each part are."""
+OWN_NUMBERS = len(OWN_COLUMNS)
+ROUTE_NUMBERS = len(ROUTE_COLUMNS) * len(ROUTE_AHEAD_M)
+RULE_NUMBERS = len(RULE_COLUMNS)
+OBJECT_NUMBERS = len(OBJECT_COLUMNS)
 GIVES_WAY = frozenset(("yield", "stop", "all-way-stop", "right-before-left", "left-before-right", "roundabout"))
 """Kinds of junctions at which the CAV may have to give way, without a light."""
 
@@ -75,7 +92,7 @@ class ObservationVector:
             own.acceleration / 5.0,  # m/s2: a firm stop
             own.yaw_rate,
             own.steer_angle / briefing.vehicle.max_steer_angle,
-            place.offset / 3.5,  # m: a lane
+            place.offset / LANE_M,
             place.heading_error,
             (length - place.s) / DISTANCE_M / FARTHEST,
             1.0 - tick * briefing.tick_s / briefing.time_limit_s,
@@ -135,8 +152,8 @@ def _describe_road_users(
     rows[:, 4] = their_sin
     rows[:, 5] = (users.speed * their_cos - own.speed) / SPEED
     rows[:, 6] = users.speed * their_sin / SPEED
-    rows[:, 7] = users.length / 10.0  # m: a lorry
-    rows[:, 8] = users.width / 2.5  # m: as wide as a vehicle may be
+    rows[:, 7] = users.length / USER_LENGTH_M
+    rows[:, 8] = users.width / USER_WIDTH_M
     rows[:, 9] = users.kind == int(Kind.VEHICLE)
     rows[:, 10] = users.kind == int(Kind.STATIC)
 

@@ -7,6 +7,7 @@ from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.rl.action_spaces import (
     AnyObservation,
     join_observation,
@@ -15,7 +16,9 @@ from mdrive_sumo.rl.action_spaces import (
     write_action,
 )
 from mdrive_sumo.rl.env_arguments import EnvArguments, read_settings
+from mdrive_sumo.rl.env_settings import EpisodeChoice
 from mdrive_sumo.rl.episode_process import EpisodeProcess, Episodes, LocalEpisodes
+from mdrive_sumo.rl.observation_page import render_observation_page
 from mdrive_sumo.rl.slot_arrays import SlotStatus
 from mdrive_sumo.runs.run_config import read_seed
 
@@ -53,6 +56,8 @@ class ParallelDrivingEnv(ParallelEnv[str, AnyObservation, Any]):
         self._own_process = own_process
         self._episodes: Episodes | None = None
         self._seed, self._number, self._cycles = 0, 0, 0
+        self._episode = EpisodeChoice("", 0, "")
+        """The latest one."""
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the space of an agent's observations, the same object at each call."""
@@ -69,7 +74,7 @@ class ParallelDrivingEnv(ParallelEnv[str, AnyObservation, Any]):
         """
         if seed is not None:
             self._seed, self._number = read_seed(seed), 0
-        episode = self.settings.choose_episode(self._seed, self._number, options or {})
+        self._episode = episode = self.settings.choose_episode(self._seed, self._number, options or {})
         self._number += 1
         self._cycles = 0
         if self._episodes is None:
@@ -114,6 +119,21 @@ class ParallelDrivingEnv(ParallelEnv[str, AnyObservation, Any]):
         truncated = {agent: is_given_up and not ended for agent, ended in terminated.items()}
         self.agents = [agent for agent in self.agents if not terminated[agent] and not truncated[agent]]
         return observations, rewards, terminated, truncated, infos
+
+    def obs_html(self, agent: str) -> str:
+        """Return a page that shows what a living agent sees now. Raises InputError for another one."""
+        if self._episodes is None or agent not in self.agents:
+            raise InputError(f"obs_html: expected one of {', '.join(self.agents) or 'no agents'}, found {agent!r:.40}")
+        arrays, slot, episode = self._episodes.arrays, self._slot_by_agent[agent], self._episode
+        tick = self._cycles * self.settings.ticks_per_decision
+        facts = (
+            ("Scenario", f"{episode.scenario} of {episode.suite}"),
+            ("Seed", str(episode.seed)),
+            ("Tick", f"{tick}, {tick / TICKS_PER_SECOND:.2f} s"),
+            ("View", self.settings.view),
+        )
+        title = f"What {agent} sees"
+        return render_observation_page(self.settings, title, facts, arrays.observations[slot], arrays.grids[slot])
 
     def render(self) -> None:
         """Draw nothing: `mdrive-sumo view` shows episodes."""
