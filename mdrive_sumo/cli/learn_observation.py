@@ -1,5 +1,6 @@
 """`mdrive-sumo learn observation`."""
 
+from contextlib import closing
 from pathlib import Path
 
 import click
@@ -40,17 +41,18 @@ def command(
         suite=suite, scenarios=[scenario], view=view, grid=grid or "", nearest=nearest, control="targets",
         own_process=False,
     )  # fmt: skip
-    env.reset(options={"scenario_seed": seed})
-    agent = f"cav_{cav}"
-    driven = 0
-    while driven < tick and agent in env.agents:
-        env.step(dict.fromkeys(env.agents, ON_ROUTE))
-        driven += env.settings.ticks_per_decision
-    if agent not in env.agents:
-        found = f"it ended by tick {driven}" if agent in env.possible_agents else f"{len(env.possible_agents)} CAVs"
-        raise InputError(f"scenario {scenario}: expected CAV {cav} to drive in tick {tick}, found {found}")
+    with closing(env):
+        env.reset(options={"scenario_seed": seed})
+        agent = f"cav_{cav}"
+        driven = 0
+        while driven < tick and agent in env.agents:
+            env.step(dict.fromkeys(env.agents, ON_ROUTE))
+            driven += env.settings.ticks_per_decision
+        if agent not in env.agents:
+            found = f"it ended by tick {driven}" if agent in env.possible_agents else f"{len(env.possible_agents)} CAVs"
+            raise InputError(f"scenario {scenario}: expected CAV {cav} to drive in tick {tick}, found {found}")
+        page = env.obs_html(agent)
     with report_write_errors(out):
         make_parents(out)
-        write_text(out, env.obs_html(agent))
-    env.close()
+        write_text(out, page)
     echo(str(out))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import mdrive_sumo as md
 from mdrive_sumo.cli.command_line import main
 from mdrive_sumo.rl.env_settings import EnvSettings
 from mdrive_sumo.rl.observation_page import render_observation_page
@@ -57,3 +58,4 @@ def test_the_command_writes_the_page_of_a_tick(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, [*arguments, "--tick", "9000"])
     assert result.exit_code == 2
     assert "expected CAV 0 to drive in tick 9000, found it ended by tick" in result.output
+    assert md.Simulation._open is None  # pyright: ignore[reportPrivateUsage] - what runs in this process next needs SUMO
