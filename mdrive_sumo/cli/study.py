@@ -11,6 +11,7 @@ from mdrive_sumo.cli.paper import command as paper_command
 from mdrive_sumo.cli.plug_in_group import PlugInGroup
 from mdrive_sumo.cli.setting_options import add_options, parse_comm_options, seed_options, setting_option
 from mdrive_sumo.cli.study_agents import cross_play_command, gain_command, penetration_command
+from mdrive_sumo.cli.study_agreements import agreements_command
 from mdrive_sumo.cli.study_attacks import attacks_command
 from mdrive_sumo.cli.study_channel import channel_command
 from mdrive_sumo.cli.study_options import (
@@ -47,6 +48,7 @@ command = PlugInGroup(
     "Measure what cooperation is worth: the paper's tables, in parts, over worse channels, message by message.",
 )
 command.add_command(ablate_command)
+command.add_command(agreements_command)
 command.add_command(attacks_command)
 command.add_command(channel_command)
 command.add_command(cross_play_command)

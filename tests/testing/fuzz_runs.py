@@ -108,6 +108,7 @@ class RunHarness:
             ["export", a, "--format", "fcd", "--out", str(out / "fcd")],
             ["export", a, "--format", "openscenario", "--out", str(out / "osc")],
             ["export", a, "--format", "pcap", "--out", str(out / "pcap")],
+            ["study", "agreements", a],
             ["study", "channel", a, b, "--out", str(out / "channel")],
             ["eval", "--suite", str(run.parent / "suite"), "--agent", "stationary", "--out", a],
         ]

@@ -7,11 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from testing.tiny_negotiator import write_tiny_negotiator
 
 from mdrive_sumo.agents import colmdriver
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.cli import main
+from mdrive_sumo.cli.study_agreements import agreements_command
 from mdrive_sumo.contract.agent_options import Config
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.negotiation.dialogue.answer_writers import FormulaWriter, NetworkWriter, RandomWriter
@@ -109,3 +111,6 @@ def test_a_run_is_verified_without_what_spoke(tmp_path: Path) -> None:
     done = subprocess.run([*COMMAND, "verify", str(out)], check=True, capture_output=True, text=True)
     assert "answers of a language model" in done.stdout
     assert "identical" in done.stdout
+    measured = CliRunner().invoke(agreements_command, [str(out)])
+    assert measured.exit_code == 0
+    assert "2 parties" in measured.stdout
