@@ -84,9 +84,14 @@ def test_what_has_no_order_is_not_consistent_and_who_has_ended_is_not_asked() ->
     (agreement,) = list_agreements(drive(no_order, answer(12)))
     assert not agreement.is_consistent
     assert list_agreements(drive(outcome(10), answer(12), last=29)) == []
-    assert (
-        list_agreements(drive(NoteRecord(3, "0", Note("negotiation", "[[")), NoteRecord(3, "0", Note("x", "{}")))) == []
-    )
+
+
+@pytest.mark.parametrize(
+    "text", ["[[", "{}", '{"group": 3, "by": "model"}', '{"group": ["c"], "by": "x", "round": "1"}']
+)
+def test_notes_of_other_negotiators_are_no_agreements(text: str) -> None:
+    assert list_agreements(drive(NoteRecord(3, "0", Note("negotiation", text)))) == []
+    assert list_agreements(drive(outcome(3, group=["cccc", "aaaa"]))) == []
 
 
 def test_rows_are_by_parties_and_by_background() -> None:
