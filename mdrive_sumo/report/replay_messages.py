@@ -174,16 +174,19 @@ def _decode(episode: EpisodeRecord, message: Message) -> Content | None:
         return None
     if isinstance(content, str):
         return episode.restore_names(content)
-    return _restore_stations(episode, content) if isinstance(content, Mcm) else content
+    return _restore_stations(episode, message.sender, content) if isinstance(content, Mcm) else content
 
 
-def _restore_stations(episode: EpisodeRecord, mcm: Mcm) -> Mcm:
+def _restore_stations(episode: EpisodeRecord, sender: str, mcm: Mcm) -> Mcm:
+    """Return the MCM with the scenario's ids; its group is sorted unless it is the order of passing (`Mcm.answers`)."""
     rename = episode.restore_name
+    answers = {rename(station): accepted for station, accepted in mcm.answers.items()}
+    group = tuple(map(rename, mcm.group))
     return replace(
         mcm,
         requests={rename(station): requested for station, requested in mcm.requests.items()},
-        answers={rename(station): accepted for station, accepted in mcm.answers.items()},
-        group=tuple(sorted(map(rename, mcm.group))),
+        answers=answers,
+        group=group if answers.get(sender) else tuple(sorted(group)),
     )
 
 

@@ -11,7 +11,8 @@ from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End, FailureReason
 from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.report.drivers import NotedDriver, describe_change, find_driver, list_drivers
-from mdrive_sumo.report.reasons import MIN_DISTANCE_M, NotedReason, join_names, list_reasons, name_road_user
+from mdrive_sumo.report.negotiation_story import MAX_TEXT, tell_negotiation
+from mdrive_sumo.report.reasons import MIN_DISTANCE_M, NotedReason, list_reasons, name_road_user
 from mdrive_sumo.report.run_page.losses import list_losses
 from mdrive_sumo.report.speed_changes import (
     STANDING_SPEED,
@@ -23,13 +24,8 @@ from mdrive_sumo.report.speed_changes import (
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
 from mdrive_sumo.v2x.messages import (
     DENM,
-    MCM,
-    TEXT,
     Denm,
     EventCause,
-    Intention,
-    Mcm,
-    MessageError,
     decode,
     find_problem,
 )
@@ -51,8 +47,6 @@ MAX_REASONS = 3
 AHEAD_OF_CAV_M, BESIDE_CAV_M = 25.0, 2.0
 """[m] Where no reasons were noted, the nearest road user in this rectangle before the CAV is named: about the distance
 in which a car at 8 m/s stops gently, and a lane's half width."""
-MAX_TEXT = 200
-"""Characters of a text message in a sentence."""
 ENDINGS = {
     End.ARRIVED: "arrives",
     End.BLOCKED: "counts as blocked: it has not moved for too long",
@@ -61,12 +55,6 @@ ENDINGS = {
     End.AGENT_FAILED: "is out: its agent failed",
 }
 LEFT = "is out: the person who drove has left"
-INTENTION_WORDS = {
-    Intention.STOP: "stop",
-    Intention.SLOWER: "slow down",
-    Intention.KEEP: "keep its speed",
-    Intention.FASTER: "speed up",
-}
 EVENT_WORDS = {
     EventCause.STATIONARY_VEHICLE: "itself, because it stands",
     EventCause.COLLISION_RISK: "a collision that it expects",
@@ -317,23 +305,8 @@ class CavStory:
 
     def _tell_negotiation(self) -> Iterator[StoryLine]:
         """Yield what it asked, answered and said, whenever that changed."""
-        before = ""
-        for sent in self.episode.messages:
-            message = sent.message
-            if message.sender != self.ego or message.type not in (MCM, TEXT):
-                continue
-            try:
-                content = decode(message)
-            except MessageError:
-                continue
-            if isinstance(content, str):
-                text = truncate(" ".join(self.episode.restore_names(content).split()), MAX_TEXT)
-                yield StoryLine(message.tick, f'says "{text}"')
-            elif isinstance(content, Mcm):
-                terms = self._describe_terms(content)
-                if terms and terms != before:
-                    yield StoryLine(message.tick, terms + self._describe_intention(content))
-                before = terms
+        for tick, text in tell_negotiation(self.episode, self.ego):
+            yield StoryLine(tick, text)
 
     def _tell_warnings(self) -> Iterator[StoryLine]:
         """Yield what it warned others of, once for each event."""
@@ -348,28 +321,6 @@ class CavStory:
                 told.add(denm.sequence)
                 yield StoryLine(message.tick, f"warns of {EVENT_WORDS[denm.cause]}")
 
-    def _describe_terms(self, mcm: Mcm) -> str:
-        """Return what an MCM negotiates and with which CAVs, in words; "" if it does not."""
-        rename = self.episode.restore_name
-        partners = [name for name in sorted(map(rename, mcm.group)) if name != self.ego]
-        asked: dict[Intention, list[str]] = {}
-        for name, intention in sorted((rename(name), intention) for name, intention in mcm.requests.items()):
-            if name != self.ego:
-                asked.setdefault(intention, []).append(name)
-        parts = [f"asks {_join_cavs(names)} to {INTENTION_WORDS[intention]}" for intention, names in asked.items()]
-        for accepted, verb in ((True, "agrees with"), (False, "refuses")):
-            if names := sorted(rename(name) for name, yes in mcm.answers.items() if yes is accepted):
-                parts.append(f"{verb} {_join_cavs(names)}")
-        if not partners and not parts:
-            return ""
-        head = f"negotiates with {_join_cavs(partners)}" if partners else "negotiates"
-        return f"{head}: {', '.join(parts)}" if parts else head
-
-    def _describe_intention(self, mcm: Mcm) -> str:
-        """Return what the CAV says that it will do: it changes too often for sentences of its own."""
-        names = {self.episode.restore_name(name): intention for name, intention in mcm.requests.items()}
-        return f", will itself {INTENTION_WORDS[names[self.ego]]}" if self.ego in names else ""
-
     def _tell_ending(self) -> StoryLine:
         ending = self.episode.find_ending(self.ego)
         text = truncate(" ".join(ending.text.split()), MAX_TEXT)
@@ -381,10 +332,6 @@ class CavStory:
 def _name_ending(ending: Ending) -> str:
     """Return how a CAV ends in words."""
     return LEFT if ending.failure is FailureReason.LEFT else ENDINGS[ending.end]
-
-
-def _join_cavs(names: Sequence[str]) -> str:
-    return join_names(tuple(f"CAV {name}" for name in names))
 
 
 def _tell_since(reason: NotedReason, begin_tick: int) -> str:

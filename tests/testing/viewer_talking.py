@@ -94,8 +94,8 @@ def _mcm(episode: EpisodeRecord, i: int, pose: ReferencePose) -> Mcm:
     return Mcm(
         pose, float(episode.speed[pose.tick, i]), Intention.KEEP if first else Intention.SLOWER,
         Direction.FOLLOW if first else Direction.LEFT, 0.2, ahead, _straight(pose, 1.4),
-        {"cav_1": Intention.STOP} if first and group else {}, {"cav_0": True} if group and not first else {},
-        group, pose.tick + 40,
+        {"cav_1": Intention.STOP} if first and group else {}, {"cav_0": True} if group else {},
+        group[::-1] if first else group, pose.tick + 40,
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ const BUBBLE_LINE_CHARS = 30;
 const BULGES = { cam: 0.05, cpm: 0.11, mcm: 0.17, text: 0.23 }; // of the distance: each type has its own way
 const DASHES = { NLOSv: [9, 6], NLOSb: [2.5, 4] }; // of a link that a vehicle, a building obstructs [px]
 const GROUP_PX = 30;
+const RANK_AHEAD_M = 6; // from the middle of a car: a car's length before its front
 const AGREE_M = 1; // objects as near as this, told of by several, are drawn one around the other
 const MOST_RINGS = 3;
 
@@ -49,6 +50,7 @@ class Layers {
     if (on.has("intentions")) this.talk.groupsAt(tick).forEach((group, _, all) => this.drawGroup(group, time, 0.1 / all.length));
     if (on.has("sight")) this.drawSight(selected, time);
     if (on.has("intentions")) for (let ego = 0; ego < this.replay.egos; ego++) this.drawTrajectories(ego, tick, selected);
+    if (on.has("intentions")) for (const [station, rank] of this.talk.ranksAt(tick)) this.drawRank(station, rank, time);
   }
 
   /** What lies on them, below all labels. */
@@ -264,6 +266,20 @@ class Layers {
     ctx.stroke();
     ctx.setLineDash([]);
     ctx.globalAlpha = 1;
+  }
+
+  /** The CAV's place in the agreed order, as a number on the road ahead of it. */
+  drawRank(station, rank, time) {
+    if (!this.replay.sample(station, time, this.pose)) return;
+    const { ctx, theme, dpr, pose } = this;
+    const [px, py] = this.view.toScreen(pose.x + RANK_AHEAD_M * Math.cos(pose.yaw), pose.y + RANK_AHEAD_M * Math.sin(pose.yaw));
+    disc(ctx, px, py, 11 * dpr, this.stationColour(station));
+    disc(ctx, px, py, 9 * dpr, theme.card);
+    ctx.font = `700 ${12 * dpr}px system-ui, sans-serif`;
+    ctx.textAlign = "center";
+    ctx.textBaseline = "middle";
+    ctx.fillStyle = theme.ink;
+    ctx.fillText(String(rank), px, py);
   }
 
   /** What the CAV last said that it means to do, in words; "" if it said nothing. */

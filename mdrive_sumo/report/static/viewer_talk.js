@@ -144,10 +144,23 @@ class Talk {
   groupsAt(tick) {
     const groups = new Map();
     for (let ego = 0; ego < this.replay.egos; ego++) {
-      const group = this.newest("mcm", ego, tick)?.content?.group ?? [];
+      const group = [...(this.newest("mcm", ego, tick)?.content?.group ?? [])].sort();
       if (group.length > 1) groups.set(group.join("\n"), group.map((name) => this.stations.indexOf(name)).filter((s) => s >= 0));
     }
     return [...groups.values()];
+  }
+
+  /** Station -> its place from 1 in the order of passing that its group has agreed on, at the tick. */
+  ranksAt(tick) {
+    const ranks = new Map();
+    for (let ego = 0; ego < this.replay.egos; ego++) {
+      const mcm = this.newest("mcm", ego, tick)?.content;
+      if (!mcm || mcm.until < tick || !hasOrder(this.stations[ego], mcm)) continue;
+      mcm.group.map((name) => this.stations.indexOf(name)).forEach((station, i) => {
+        if (station >= 0 && !ranks.has(station)) ranks.set(station, i + 1);
+      });
+    }
+    return ranks;
   }
 
   /** What the station asked, answered and believed by MCM, whenever that changed. */
@@ -193,11 +206,18 @@ function wishes(own, requests) {
   return [...asked].sort(([a], [b]) => (a < b ? -1 : 1)).map(([key, names]) => `${names.join(", ")}: ${key.slice(1).toLowerCase()}`);
 }
 
+/** Whether the group of an MCM is an order of passing: then its sender accepts its own request. */
+function hasOrder(own, { answers }) {
+  return answers.some(([station, yes]) => station === own && yes);
+}
+
 /** Requests, answers and group of an MCM in words; "" if there are none. */
 function bargain(own, { requests, answers, group }) {
   const asks = wishes(own, requests).map((wish) => `asks ${wish}`);
-  const says = answers.map(([station, yes]) => (yes ? `agrees with ${station}` : `refuses ${station}`));
-  const sees = group.length ? [`in conflict: ${group.join(", ")}`] : [];
+  const others = answers.filter(([station]) => station !== own);
+  const says = others.map(([station, yes]) => (yes ? `agrees with ${station}` : `refuses ${station}`));
+  const word = hasOrder(own, { answers }) ? "order of passing" : "in conflict";
+  const sees = group.length ? [`${word}: ${group.join(", ")}`] : [];
   return [...asks, ...says, ...sees].join("\n");
 }
 

@@ -258,6 +258,16 @@ def test_links_of_a_radio_have_a_class(browser: Any, tmp_path: Path) -> None:
 
 
 @needs_browser
+def test_an_agreed_order_is_numbered(page: Any, talk: EpisodeRecord) -> None:
+    """cav_0 accepts its own request, so its group is an order: the other way round."""
+    last = len(talk.ego_ids) - 1
+    assert page.evaluate("[...viewer.talk.ranksAt(100)]") == [[last - i, i + 1] for i in range(last + 1)]
+    assert len(page.evaluate("viewer.talk.groupsAt(100)")) == 1
+    lines = page.evaluate("viewer.talk.agreements(0).map((entry) => entry.text)")
+    assert any(line.endswith("order of passing: cav_3, cav_2, cav_1, cav_0") for line in lines)
+
+
+@needs_browser
 def test_a_message_opens(page: Any) -> None:
     page.keyboard.press("m")
     page.evaluate("viewer.seek(119)")
@@ -302,7 +312,7 @@ def test_the_transcript_keeps_step(page: Any) -> None:
     assert "llm-fallback" in page.inner_text(".entry.newest")
     page.evaluate("viewer.seek(119)")
     wait(page, "document.getElementById('transcript').innerText.includes('agrees with cav_0')")
-    assert "asks cav_1: stop\nin conflict: cav_0, cav_1, cav_2, cav_3" in page.inner_text("#transcript")
+    assert "asks cav_1: stop\norder of passing: cav_3, cav_2, cav_1, cav_0" in page.inner_text("#transcript")
     page.click(".entry >> nth=0")
     assert page.evaluate("viewer.tick") == 0
     wait(page, "document.querySelectorAll('.entry:not([hidden])').length === 1")

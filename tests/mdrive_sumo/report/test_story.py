@@ -229,6 +229,25 @@ def test_negotiation_is_told_when_it_changes() -> None:
     ]
 
 
+def test_a_conversation_is_quoted_with_its_rounds_and_its_order() -> None:
+    line = np.zeros((3, 2))
+    asked = Mcm(
+        ReferencePose(0.0, 0.0, 0.0, 5), 8.0, Intention.KEEP, Direction.FOLLOW, 0.2, line, line,
+        {"00c0ffee": Intention.KEEP, "b": Intention.SLOWER}, {"00c0ffee": True}, ("b", "00c0ffee"), 99,
+    )  # fmt: skip
+    texts = ("[0a0b0c0d 1] propose b>00c0ffee keep: b is nearest", "[0a0b0c0d 2 critic] All are too slow")
+    said = (*(encode(text) for text in texts), encode(asked))
+    channel = tuple(SentMessage(Message(one.type, one.payload, "0", 5 + i), {}) for i, one in enumerate(said))
+    names = {"00c0ffee": "0", "b": "1"}
+    lines = [line[10:] for line in tell(record(SPEEDS, messages=channel, pseudonyms=names))]
+    assert 'says in round 1: "propose 1>0 keep: 1 is nearest"' in lines
+    assert 'objects and opens round 2: "All are too slow"' in lines
+    told = (
+        "negotiates with CAV 1: asks all to pass in the order 1, 0, asks CAV 1 to slow down, will itself keep its speed"
+    )
+    assert told in lines
+
+
 def test_each_event_that_it_warned_of_is_told_once() -> None:
     pose = ReferencePose(0.0, 0.0, 0.0, 5)
     brakes = Denm(pose, 0, EventCause.DANGEROUS_SITUATION, 1, 0.0, 0.0, 5, 1.0, 8.0, 4.9, 2.0)
