@@ -7,7 +7,7 @@ simulated after the other, on the core of the drive.
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,9 +16,11 @@ from mdrive_sumo.core.state import DT, Frame, Kind
 from mdrive_sumo.learning.dialogue.situations import OrderOutcome
 from mdrive_sumo.learning.dialogue.steered_agent import SteeredAgent
 from mdrive_sumo.learning.drive_episode import LiveDrive
-from mdrive_sumo.negotiation.conflict_graph import CONFLICT, ConflictGraph
-from mdrive_sumo.negotiation.llm_negotiator import LLM_NEGOTIATION
-from mdrive_sumo.negotiation.negotiator import NegotiationDecision
+from mdrive_sumo.negotiation.agreement import build_decision
+from mdrive_sumo.negotiation.conflict_graph import CONFLICT, build_conflict_graph
+from mdrive_sumo.negotiation.llm_negotiator import LLM_NEGOTIATION, count_conflict_ticks
+from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationMember
+from mdrive_sumo.negotiation.speaker import GroupAgreement
 from mdrive_sumo.v2x.messages import Intention
 
 HORIZON_TICKS = 160
@@ -36,22 +38,18 @@ class OrderTrial:
 
     order: tuple[str, ...]
     """Stations."""
-    graph: ConflictGraph
+    members: tuple[NegotiationMember, ...]
     """Of the group, now."""
 
 
 def build_order_decision(me: str, trial: OrderTrial, tick: int) -> NegotiationDecision:
-    """Return what an order means for a station: it passes behind those opponents that come before it."""
-    opponents, order = trial.graph.find_opponents(me), trial.order
-    first = frozenset(order[: order.index(me)]) & opponents
-    ticks = trial.graph.count_conflict_ticks(order) + CONFLICT.aftermath_ticks
-    return NegotiationDecision(
-        intention=Intention.SLOWER if first else Intention.KEEP,
-        yield_to=first,
-        priority_over=opponents - first,
-        until_tick=tick + min(ticks, LLM_NEGOTIATION.max_agreement_ticks),
-        group=tuple(sorted(order)),
-    )
+    """Return what an order means for a station, as in a conversation that has agreed on it."""
+    graph = build_conflict_graph(trial.members)
+    ticks = count_conflict_ticks(graph, trial.order) + CONFLICT.aftermath_ticks
+    until = tick + min(ticks, LLM_NEGOTIATION.max_agreement_ticks)
+    agreement = GroupAgreement(dict.fromkeys(trial.order, Intention.KEEP), trial.order)
+    decision = build_decision(me, trial.members, agreement, trial.order, until)
+    return replace(decision, intention=Intention.SLOWER) if decision.yield_to else decision
 
 
 def simulate_order(

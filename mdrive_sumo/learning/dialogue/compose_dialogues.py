@@ -13,6 +13,7 @@ from itertools import pairwise
 from mdrive_sumo.learning.dialogue.dialogue_samples import Dialogue
 from mdrive_sumo.learning.dialogue.situations import SAME_SCORE, Situation, rename_members
 from mdrive_sumo.learning.dialogue.wording import Clause, draw_words
+from mdrive_sumo.negotiation.conversation import Utterance
 from mdrive_sumo.negotiation.dialogue.answer_grammar import MAX_WORD_ENTRIES
 from mdrive_sumo.negotiation.dialogue.answers import (
     ACTION_WORDS,
@@ -40,6 +41,8 @@ from mdrive_sumo.v2x.messages import Intention
 
 STATION = "00000000"
 """Stands for a station id when bytes are counted: pseudonyms have eight digits."""
+HEADER = Utterance(STATION, 1, False, "").to_text()
+"""Is sent before the text; conversations have ids of eight digits, too."""
 MOST_TRAINED_MEMBERS = 4
 """Larger groups are in validation and test only."""
 STOPPING_DELAY_S = 3.0
@@ -302,7 +305,7 @@ def draw_message(talk: DialogueDraft, head: OrderProposal, letter: str, hold: Ho
 
 def _fits(talk: DialogueDraft, proposal: OrderProposal) -> bool:
     """Return whether a message has few enough entries and bytes."""
-    sent = replace_letters(format_proposal(proposal), dict.fromkeys(proposal.order, STATION))
+    sent = HEADER + replace_letters(format_proposal(proposal), dict.fromkeys(proposal.order, STATION))
     entries = len(talk.vocabulary.encode(f" {proposal.words}"))
     return len(sent.encode()) <= MAX_MESSAGE_BYTES and entries <= MAX_WORD_ENTRIES
 

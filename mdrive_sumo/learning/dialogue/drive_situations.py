@@ -140,7 +140,7 @@ def _record(
         return None
     outcomes: list[OrderOutcome | None] = []
     if len(tried) > 1 and search < sampling.searched:
-        outcomes = [simulate_order(drive, agents, OrderTrial(order, graph), letters) for order in tried]
+        outcomes = [simulate_order(drive, agents, OrderTrial(order, tuple(members)), letters) for order in tried]
     return Situation(
         place=scenario.network,
         scenario=scenario.id,

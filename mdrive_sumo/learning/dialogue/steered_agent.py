@@ -8,9 +8,10 @@ from mdrive_sumo.contract import Briefing, Observation, Reply
 from mdrive_sumo.contract.briefing import V2xRate
 from mdrive_sumo.learning.perturbation import PerturbationSchedule
 from mdrive_sumo.negotiation import NegotiationInterface, RuleNegotiator
+from mdrive_sumo.negotiation.agreement import release_passed
 from mdrive_sumo.negotiation.dialogue.dialogue_view import DialogueView, OwnKnowledge, build_dialogue_view
 from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationMember
-from mdrive_sumo.negotiation.peer_table import PeerView
+from mdrive_sumo.negotiation.peer_table import PeerView, predict_view
 from mdrive_sumo.negotiation.right_of_way_claims import RightOfWayClaims
 from mdrive_sumo.negotiation.rule_negotiator import find_leader_pairs
 
@@ -23,14 +24,18 @@ class SteeredNegotiator(RuleNegotiator):
         self._given: NegotiationDecision | None = None
 
     def steer(self, decision: NegotiationDecision) -> None:
-        """Follow a decision while it is in force, and claim what it says."""
+        """Follow a decision while it is in force, until those that go first have passed, and claim what it says."""
         self._given = self._decision = decision
         pairs = [(name, True) for name in decision.yield_to] + [(name, False) for name in decision.priority_over]
         self._settled_by_id = {name: (goes_first, decision.until_tick) for name, goes_first in pairs}
 
     def _update_decision(self, tick: int, me: str, view: PeerView, claims: RightOfWayClaims) -> None:
-        if self._given is None or tick > self._given.until_tick:
-            super()._update_decision(tick, me, view, claims)
+        if self._given is not None and tick <= self._given.until_tick:
+            self._given = self._decision = release_passed(self._given, me, predict_view(view))
+            if self._given is not None:
+                return
+            self._settled_by_id.clear()
+        super()._update_decision(tick, me, view, claims)
 
 
 class SteeredAgent(SharingNegotiationAgent):

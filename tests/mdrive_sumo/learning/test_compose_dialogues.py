@@ -50,7 +50,11 @@ def test_every_message_fits_the_grammar_and_200_bytes_and_the_agreement_knows_al
     assert [each.task for each in dialogues[-1:]] == [AGREE] and len(dialogues) <= members + 1
     for each in dialogues[:-1]:
         sent = replace_letters(each.answer, dict.fromkeys(each.letters, "0123abcd"))
-        assert each.task == SAY and len(sent.encode()) <= 200 and parse_proposal(each.answer, each.letters)
+        assert (
+            each.task == SAY
+            and len(sent.encode()) + len("[01234567 1] ") <= 200
+            and parse_proposal(each.answer, each.letters)
+        )
     assert set(parse_agreement(dialogues[-1].answer, dialogues[-1].letters).order) == set(dialogues[-1].letters)
 
 

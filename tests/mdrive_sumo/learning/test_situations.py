@@ -123,8 +123,10 @@ def test_the_order_of_a_drive_is_that_of_entering() -> None:
 
 def test_an_order_is_a_decision_of_each_member_about_its_opponents() -> None:
     cars = {**crossing(), "c": member("c", 0.0, 40.0, -math.pi / 2)}
-    trial = OrderTrial(("b", "a", "c"), build_conflict_graph([*cars.values()]))
+    trial = OrderTrial(("b", "a", "c"), tuple(cars.values()))
     second = build_order_decision("a", trial, 100)
     assert (second.intention, second.yield_to, second.priority_over) == (Intention.SLOWER, {"b"}, frozenset())
-    assert 120 < second.until_tick <= 200 and second.group == ("a", "b", "c")
-    assert build_order_decision("b", trial, 100).priority_over == {"a"} | trial.graph.find_opponents("b")
+    assert 120 < second.until_tick <= 200 and second.group == trial.order
+    assert build_order_decision("b", trial, 100).priority_over == build_conflict_graph(trial.members).find_opponents(
+        "b"
+    )
