@@ -36,7 +36,8 @@ class SituationSampling:
     """Which ticks become situations, and how many of them are searched."""
 
     interval_ticks: int = TICKS_PER_SECOND
-    """Between situations of the same group, after the first tick of its conflict."""
+    """Between the first two situations of a group; each pause is twice as long as that before, so that groups in a
+    jam are not most of the data."""
     searched: float = 0.35
     """Share of the situations whose orders are simulated, of those that have more than one."""
     settled: float = 0.2
@@ -58,6 +59,7 @@ def drive_situations(
     }
     situations: list[Situation] = []
     due: dict[Order, int] = {}
+    pause: dict[Order, int] = {}
     with open_drive(config, agents) as drive:
         while not drive.simulation.is_done:
             drive.step()
@@ -66,7 +68,8 @@ def drive_situations(
                 continue
             for group in _find_groups(drive, agents):
                 if tick >= due.get(group, 0):
-                    due[group] = tick + sampling.interval_ticks
+                    pause[group] = 2 * pause[group] if group in pause else sampling.interval_ticks
+                    due[group] = tick + pause[group]
                     situation = _record(drive, agents, group, _Recording(config, sampling, teacher))
                     situations += [situation] if situation is not None else []
     return situations
