@@ -88,6 +88,13 @@ def exit_after_collection(scenarios: Sequence[CollectedScenario], requested: int
     help="Rate of perturbations of the expert's driving; 1: one every 4 to 8 s, 0: none.",
 )
 @click.option(
+    "--share",
+    type=FiniteRange(0.02, 1.0),
+    default=1.0,
+    show_default=True,
+    help="Share of the decisions to keep, in turns of 3 s: more scenarios for as many images.",
+)
+@click.option(
     "--driver",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="WEIGHTS.onnx",
@@ -132,6 +139,7 @@ def _parse_settings(options: Mapping[str, Any], places: Path) -> CollectionSetti
         driver=None if driver is None else driver.resolve(),
         mix=0.0 if driver is None else options["mix"],
         round=0 if driver is None else round_ or 1,
+        share=options["share"],
         suite=options["suite"],
         places=places,
     )

@@ -267,6 +267,7 @@ class _Collection:
             driver=settings.driver_checksum,
             mix=settings.mix,
             round=settings.round,
+            share=settings.share,
             suite=settings.suite,
             requested=self.scenarios,
             samples=sum(shard.samples for shard in shards),
@@ -311,7 +312,7 @@ class RoundPlan:
     """How much each round drives, and as what."""
 
     first: Path
-    """Data set whose split, seed, expert, rigs and perturbation are used again."""
+    """Data set whose split, seed, expert, rigs, perturbation and share are used again."""
     places: Path
     """Folder of the places of its scenarios."""
     scenarios: int
@@ -330,6 +331,7 @@ def collect_round(plan: RoundPlan, round_: int, weights: Path, folder: Path, pro
         driver=weights.resolve(),
         mix=EXPERT_SHARE,
         round=round_,
+        share=made.share,
         suite=made.suite,
         places=plan.places.resolve(),
     )

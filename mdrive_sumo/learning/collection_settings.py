@@ -38,6 +38,8 @@ class CollectionSettings:
     """Weights of the learner that drives; None: the expert drives."""
     mix: float = 0.0
     round: int = 0
+    share: float = 1.0
+    """Share of the decisions that are kept."""
     suite: str = ""
     """Suite that stands in for training scenarios, in tests."""
     places: Path = Path(PLACES_FOLDER)
@@ -74,6 +76,7 @@ class CollectionSettings:
             "driver": self.driver_checksum,
             "mix": str(self.mix),
             "round": self.round,
+            "share": str(self.share),
             "suite": self.suite,
             "generator": VERSION,
             "code": compute_code_checksum(),

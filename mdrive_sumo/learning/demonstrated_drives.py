@@ -213,12 +213,12 @@ def _build_decisions(drive: _Drive, ego: str, shown: _Decisions) -> list[Recorde
     navigator, column = RouteNavigator(drive.take.briefings[ego]), record.ego_ids.index(ego)
     found: list[RecordedDecision] = []
     for tick, (own, sight) in shown.seen.items():
+        navigation = navigator.locate(own)
         if sight is None:
-            navigator.locate(own)
             continue
         control = Control(*record.control_values[tick, column].tolist())
         answer = ExpertAnswer(read_way(record, column, tick), control, True)
-        found.append(build_decision(sight, own, navigator, answer, drive.seed))
+        found.append(build_decision(sight, own, navigation, answer, drive.seed))
     return found
 
 

@@ -39,6 +39,9 @@ class CollectedDrive:
     briefings: Mapping[str, Briefing]
     """By CAV."""
     decisions: Sequence[Sequence[RecordedDecision]]
+    """Of each CAV those that are kept."""
+    decided_ticks: Sequence[Sequence[int]]
+    """Of each CAV the ticks of all: what was seen at them is remembered."""
 
 
 def collect_scenario(settings: CollectionSettings, index: int) -> tuple[CollectedScenario, list[SampleFiles]]:
@@ -71,7 +74,8 @@ def drive_scenario(settings: CollectionSettings, scenario: Scenario, roads: Road
         while not drive.simulation.is_done:
             drive.step()
     episode, simulation = drive.simulation.finish(), drive.simulation
-    return CollectedDrive(config, episode, simulation.briefings, [agent.decisions for agent in agents.values()])
+    decisions, ticks = zip(*((agent.decisions, agent.decided_ticks) for agent in agents.values()), strict=True)
+    return CollectedDrive(config, episode, simulation.briefings, decisions, ticks)
 
 
 class LiveDrive:
@@ -110,6 +114,7 @@ def _build_setup(settings: CollectionSettings, seed: int, sensing_seed: int, ego
         learner=learner,
         system=system,
         mix=settings.mix,
+        share=settings.share,
     )
 
 
@@ -121,7 +126,7 @@ def build_samples(
     records = build_ego_records(ScoredEpisode(episode, scenario, drive.config.roads))
     ends = [find_usable_end(record, episode, settings.driver is None) for record in records]
     kept = [[one for one in decisions if one.tick < end] for decisions, end in zip(drive.decisions, ends, strict=True)]
-    scenes = _build_scenes(drive, kept)
+    scenes = _build_scenes(drive, ends)
     samples: list[SampleFiles] = []
     for cav, ego in enumerate(scenario.egos):
         about = SampleAbout(
@@ -139,15 +144,14 @@ def build_samples(
     return samples, sum(map(len, drive.decisions)) - len(samples)
 
 
-def _build_scenes(
-    drive: CollectedDrive, kept: Sequence[Sequence[RecordedDecision]]
-) -> Mapping[tuple[int, int], Labels]:
-    """Return the true labels by CAV and tick."""
+def _build_scenes(drive: CollectedDrive, ends: Sequence[int]) -> Mapping[tuple[int, int], Labels]:
+    """Return the true labels by CAV and tick of all decisions before the `ends` of the CAVs."""
     labels = SceneLabels(drive.episode, drive.config.roads)
     cavs_by_tick: dict[int, list[int]] = {}
-    for cav, decisions in enumerate(kept):
-        for one in decisions:
-            cavs_by_tick.setdefault(one.tick, []).append(cav)
+    for cav, (ticks, end) in enumerate(zip(drive.decided_ticks, ends, strict=True)):
+        for tick in ticks:
+            if tick < end:
+                cavs_by_tick.setdefault(tick, []).append(cav)
     return {
         (cav, tick): label
         for tick in sorted(cavs_by_tick)

@@ -8,6 +8,7 @@ from mdrive_sumo.agents.learned.system_spec import SYSTEMS, ImageInput, SystemSp
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import describe_unknown
+from mdrive_sumo.sensing.sensor_options import MeasuringTicks
 
 T = TypeVar("T")
 SHARED_RIGS = {"uniad": "vad"}
@@ -37,11 +38,23 @@ def format_sensor_id(rig: str, sensor: str) -> str:
     return f"{rig}-{sensor}"
 
 
-def build_rig_sensors(rigs: Iterable[str]) -> tuple[SensorSpec, ...]:
-    """Return the cameras and LiDARs of recorded rigs, renamed by `format_sensor_id`."""
+def build_rig_sensors(
+    rigs: Iterable[str], ticks: MeasuringTicks | None = None, driven_by: str = ""
+) -> tuple[SensorSpec, ...]:
+    """Return the cameras and LiDARs of recorded rigs, renamed by `format_sensor_id`.
+
+    ticks: when they are recorded, None: always, as that of `driven_by` is, with which a learner sees.
+    """
     sensors = [(rig, spec) for rig in rigs for spec in find_rig_system(rig).build_sensors()]
+    turns = {} if ticks is None else {"on_ticks": ticks.on, "cycle_ticks": ticks.cycle, "cycle_start": ticks.start}
     return tuple(
-        replace(spec, id=format_sensor_id(rig, spec.id)) for rig, spec in sensors if spec.kind in ("camera", "lidar")
+        replace(
+            spec,
+            id=format_sensor_id(rig, spec.id),
+            options=spec.options if rig == driven_by else {**spec.options, **turns},
+        )
+        for rig, spec in sensors
+        if spec.kind in ("camera", "lidar")
     )
 
 

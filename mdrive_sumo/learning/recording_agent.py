@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.instructions import compose_instruction
-from mdrive_sumo.agents.learned.navigation import RouteNavigator
+from mdrive_sumo.agents.learned.navigation import Navigation, RouteNavigator
 from mdrive_sumo.agents.learned.network_inputs import build_lidar_histogram
 from mdrive_sumo.agents.learned.system_spec import DECISION_TICKS, SystemSpec
 from mdrive_sumo.contract import Agent, Briefing, Control, Observation, OwnState, Plan, Reply, SensorSpec
@@ -17,13 +17,16 @@ from mdrive_sumo.core.seeding import draw_first_uniform
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.learning.perturbation import PerturbationSchedule
 from mdrive_sumo.learning.plan_labels import label_plan, move_plan
-from mdrive_sumo.learning.recorded_rigs import build_rig_sensors, select_rig_outputs
+from mdrive_sumo.learning.recorded_rigs import build_rig_sensors, find_recorded_rig, select_rig_outputs
 from mdrive_sumo.learning.sample_format import encode_image
 from mdrive_sumo.sensing.localization import OwnStateEstimator
+from mdrive_sumo.sensing.sensor_options import MeasuringTicks
 from mdrive_sumo.vehicle.control import CONTROLLERS
 
 SEGMENT_TICKS = 100
 """With a learner, expert and learner take turns in segments of 5 s."""
+TURN_TICKS = 60
+"""Decisions are kept in turns of 3 s if only a share of them is: 15 decisions, of which two have no `previous` one."""
 INSTRUCTION_TICKS = 80
 """The words of an instruction change every 4 s, or with the situation."""
 VARIANTS = 1000
@@ -46,6 +49,17 @@ class RecordingSetup:
     """System of the learner."""
     mix: float = 0.0
     """Share of the segments that the expert drives if there is a learner."""
+    share: float = 1.0
+    """Share of the decisions that are kept."""
+
+    @property
+    def kept_ticks(self) -> MeasuringTicks:
+        """Ticks whose decisions are kept: in turns, which begin at another time in each drive."""
+        if self.share == 1.0:
+            return MeasuringTicks(DECISION_TICKS)
+        cycle = DECISION_TICKS * round(TURN_TICKS / self.share / DECISION_TICKS)
+        start = DECISION_TICKS * int(cycle // DECISION_TICKS * draw_first_uniform(self.seed, "turn", 0))
+        return MeasuringTicks(DECISION_TICKS, TURN_TICKS, cycle, start)
 
 
 @dataclass(frozen=True)
@@ -67,13 +81,18 @@ class RecordingAgent:
     def __init__(self, setup: RecordingSetup) -> None:
         self._setup = setup
         self._schedule = PerturbationSchedule(setup.seed, 0.0 if setup.learner else setup.perturbation)
+        self._kept = setup.kept_ticks
         self._is_privileged = any(spec.kind == "privileged" for spec in setup.expert.sensors())
         self._estimator = OwnStateEstimator(setup.estimator_seed)
         self.decisions: list[RecordedDecision] = []
+        self.decided_ticks: list[int] = []
+        """Ticks of all decisions, also of those that are not kept."""
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Return the sensors of the expert, and those of the rigs."""
-        return (*self._setup.expert.sensors(), *build_rig_sensors(self._setup.rigs))
+        system = self._setup.system
+        learner = "" if system is None else find_recorded_rig(system.rig)
+        return (*self._setup.expert.sensors(), *build_rig_sensors(self._setup.rigs, self._kept, learner))
 
     def start(self, briefing: Briefing) -> None:
         """Brief the expert and the learner."""
@@ -90,7 +109,13 @@ class RecordingAgent:
         own = self._estimate_own_state(seen)
         driven, is_expert = self._drive(seen, own, answer.plan)
         if seen.tick % DECISION_TICKS == 0 and is_decided(answer.plan, seen.own):
-            self.decisions.append(self._record(seen, own, answer.plan, is_expert))
+            self.decided_ticks.append(seen.tick)
+            # Of all decisions, also of those that are not kept: both remember.
+            control, navigation = self._tracker.follow(answer.plan, seen.own, 0), self._navigator.locate(own)
+            if self._kept.is_due(seen.tick):
+                expert = ExpertAnswer(label_plan(answer.plan, seen.own), control, is_expert)
+                sight = encode_sight(seen)
+                self.decisions.append(build_decision(sight, own, navigation, expert, self._setup.seed))
         return replace(driven, messages=answer.messages, notes=(), detections=None)
 
     def _estimate_own_state(self, seen: Observation) -> OwnState:
@@ -126,11 +151,6 @@ class RecordingAgent:
             return Reply(plan=move_plan(reply.plan, own, seen.own)), False
         return reply, False
 
-    def _record(self, seen: Observation, own: OwnState, plan: Plan, is_expert: bool) -> RecordedDecision:
-        control = self._tracker.follow(plan, seen.own, 0)
-        answer = ExpertAnswer(label_plan(plan, seen.own), control, is_expert)
-        return build_decision(encode_sight(seen), own, self._navigator, answer, self._setup.seed)
-
 
 @dataclass(frozen=True)
 class EncodedSight:
@@ -162,10 +182,9 @@ def encode_sight(seen: Observation) -> EncodedSight:
 
 
 def build_decision(
-    sight: EncodedSight, own: OwnState, navigator: RouteNavigator, answer: ExpertAnswer, seed: int
+    sight: EncodedSight, own: OwnState, navigation: Navigation, answer: ExpertAnswer, seed: int
 ) -> RecordedDecision:
     """Return a decision as it is stored. own: the own state as a learner gets it; seed: of paraphrases."""
-    navigation = navigator.locate(own)
     control = answer.control
     numbers: dict[str, npt.NDArray[Any]] = {
         "own": np.array((own.x, own.y, own.yaw, own.speed, own.acceleration, own.yaw_rate)),

@@ -144,6 +144,8 @@ class DatasetFile(BaseModel):
     mix: float
     """Share of the segments that the expert drove although a learner was given."""
     round: int
+    share: float = 1.0
+    """Share of the decisions that were kept, in turns of 3 s."""
     suite: str = ""
     """Of takes, the suites whose scenarios people drove; else one in place of the training scenarios, in tests."""
     requested: int

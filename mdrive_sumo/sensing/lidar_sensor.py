@@ -27,7 +27,14 @@ from mdrive_sumo.sensing.lidar_world import (
     select_walls,
 )
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
-from mdrive_sumo.sensing.sensor_options import MAX_EVERY_TICKS, check_option_names, read_choice, read_number, read_whole
+from mdrive_sumo.sensing.sensor_options import (
+    MAX_EVERY_TICKS,
+    TICK_OPTIONS,
+    check_option_names,
+    read_choice,
+    read_measuring_ticks,
+    read_number,
+)
 
 CHANNELS = 64
 """With `RANGE_M` and `FIELD_DEG`, fixed by the paper's wrapper (docs/range-sensors.md)."""
@@ -63,8 +70,8 @@ RAY_ATTRIBUTES = (
 )
 """Options that CARLA agents declare; the paper's wrapper overrides them."""
 OPTIONS = (
-    *("profile", "every_ticks", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg"),
-    *("noise_m", "dropout", "hit_ids"),
+    *("profile", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg", "noise_m", "dropout", "hit_ids"),
+    *TICK_OPTIONS,
 )
 
 HIT_IDS = "hit_ids"
@@ -100,8 +107,8 @@ class LidarMount:
 class LidarSensor:
     """LiDAR with the pose that the agent declares and the rays of the paper's wrapper.
 
-    Options: profile, every_ticks, x, y, z [m], roll_deg, pitch_deg, yaw_deg, noise_m, dropout, hit_ids; see
-    docs/range-sensors.md.
+    Options: profile, x, y, z [m], roll_deg, pitch_deg, yaw_deg, noise_m, dropout, hit_ids, and those of
+    `sensor_options.read_measuring_ticks`; see docs/range-sensors.md.
     """
 
     def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
@@ -109,7 +116,7 @@ class LidarSensor:
         _check_rays(spec)
         check_option_names(spec, OPTIONS)
         self._profile = PROFILES[read_choice(spec, "profile", "default", PROFILES)]
-        self._every_ticks = math.lcm(self._profile.every_ticks, read_whole(spec, "every_ticks", 1, 1, MAX_EVERY_TICKS))
+        self._ticks = read_measuring_ticks(spec)
         self._mount = _mount(spec, fitting)
         self._noise_m = read_number(spec, "noise_m", 0.0, 0.0, 1.0)
         self._dropout = read_number(spec, "dropout", 0.0, 0.0, 1.0)
@@ -121,7 +128,7 @@ class LidarSensor:
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> PointCloud | None:
         """The scan of this tick, None in ticks without one."""
-        if scene.tick % self._every_ticks:
+        if scene.tick % self._profile.every_ticks or not self._ticks.is_due(scene.tick):
             return None
         place, boxes = self._mount.to_world(eye), scene.boxes
         around = select_boxes(boxes, eye.carrier_row, place, self._range)

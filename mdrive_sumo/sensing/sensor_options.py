@@ -1,12 +1,32 @@
 """Validation of the options of a SensorSpec, when the sensor is built."""
 
 from collections.abc import Collection
+from dataclasses import dataclass
 
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
 
 MAX_EVERY_TICKS = 200
 """The rarest measurements: one in 10 s."""
+MAX_CYCLE_TICKS = 20_000
+"""The longest cycle: 1000 s, more than any episode."""
+TICK_OPTIONS = ("every_ticks", "on_ticks", "cycle_ticks", "cycle_start")
+"""Options that `read_measuring_ticks` reads."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuringTicks:
+    """The ticks in which a sensor measures: every n-th, of those in the first `on` of each cycle."""
+
+    every: int = 1
+    on: int = 1
+    cycle: int = 1
+    start: int = 0
+    """Tick at which a cycle begins."""
+
+    def is_due(self, tick: int) -> bool:
+        """Return whether the sensor measures in a tick."""
+        return tick % self.every == 0 and (tick - self.start) % self.cycle < self.on
 
 
 def check_option_names(spec: SensorSpec, known: Collection[str]) -> None:
@@ -33,6 +53,14 @@ def read_whole(spec: SensorSpec, name: str, default: int, low: int, high: int) -
     if not value.is_integer():
         raise InputError(f"sensor {spec.kind!r}: option {name!r}: expected a whole number, found {value}")
     return int(value)
+
+
+def read_measuring_ticks(spec: SensorSpec) -> MeasuringTicks:
+    """Return when a sensor measures, of its options `TICK_OPTIONS`. Raises InputError."""
+    every = read_whole(spec, "every_ticks", 1, 1, MAX_EVERY_TICKS)
+    cycle = read_whole(spec, "cycle_ticks", 1, 1, MAX_CYCLE_TICKS)
+    on = read_whole(spec, "on_ticks", cycle, 1, cycle)
+    return MeasuringTicks(every, on, cycle, read_whole(spec, "cycle_start", 0, 0, MAX_CYCLE_TICKS))
 
 
 def read_choice(spec: SensorSpec, name: str, default: str, known: Collection[str]) -> str:

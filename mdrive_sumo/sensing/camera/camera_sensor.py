@@ -11,10 +11,18 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraMount, CameraView, ImageKind
 from mdrive_sumo.sensing.camera.lighting import LIGHT_OF_WEATHER, LIGHTS
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
-from mdrive_sumo.sensing.sensor_options import MAX_EVERY_TICKS, check_option_names, read_choice, read_number, read_whole
+from mdrive_sumo.sensing.sensor_options import (
+    TICK_OPTIONS,
+    check_option_names,
+    read_choice,
+    read_measuring_ticks,
+    read_number,
+    read_whole,
+)
 
 OPTIONS = (
-    *("kind", "width", "height", "fov_deg", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg", "every_ticks"),
+    *("kind", "width", "height", "fov_deg", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg"),
+    *TICK_OPTIONS,
     *("light", "exposure", "noise", "motion_blur_s"),
 )
 MAX_SIDE_PX = 3000
@@ -40,7 +48,7 @@ class CameraSensor:
 
         check_option_names(spec, OPTIONS)
         self._model = read_camera_model(spec)
-        self._every_ticks = read_whole(spec, "every_ticks", 1, 1, MAX_EVERY_TICKS)
+        self._ticks = read_measuring_ticks(spec)
         light = read_choice(spec, "light", SCENARIO_LIGHT, (SCENARIO_LIGHT, *LIGHTS))
         self._light = LIGHTS[LIGHT_OF_WEATHER[fitting.weather.name] if light == SCENARIO_LIGHT else light]
         self._exposure = read_number(spec, "exposure", 1.0, 0.1, 10.0)
@@ -51,7 +59,7 @@ class CameraSensor:
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> CameraImage | None:
         """Return the image of this tick, None in ticks without one."""
-        if scene.tick % self._every_ticks:
+        if not self._ticks.is_due(scene.tick):
             return None
         from mdrive_sumo.sensing.camera.camera_renderer import Picture
         from mdrive_sumo.sensing.camera.instances import load_instances

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import tarfile
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,11 +16,18 @@ from testing.processes import wait_for
 from testing.training_data import SilentProgress, collect_here, copy_dataset, make_settings
 
 from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.learning import collection, collection_settings, drive_episode, scenario_jobs, training_scenarios
+from mdrive_sumo.learning import (
+    collection,
+    collection_settings,
+    drive_episode,
+    recording_agent,
+    scenario_jobs,
+    training_scenarios,
+)
 from mdrive_sumo.learning.collection import WAITING_FOLDER, collect_dataset
 from mdrive_sumo.learning.collection_settings import CollectionSettings
 from mdrive_sumo.learning.drive_episode import drive_scenario
-from mdrive_sumo.learning.sample_format import DATASET_FILE, LABELS_SUFFIX, DatasetFile
+from mdrive_sumo.learning.sample_format import DATASET_FILE, LABELS_SUFFIX, DatasetFile, split_key
 from mdrive_sumo.learning.sample_reader import read_samples
 from mdrive_sumo.learning.shard_reading import load_dataset_file
 
@@ -223,3 +231,20 @@ def test_damaged_samples_of_a_waiting_scenario_are_made_again(
 
 def test_dataset_file_is_valid_by_its_published_schema(dataset: Path) -> None:
     DatasetFile.model_validate(json.loads((dataset / DATASET_FILE).read_text()))
+
+
+def test_a_share_of_the_decisions_is_kept_in_turns(
+    short_suite: Path, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording_agent, "TURN_TICKS", 8)  # drives of the short suite are shorter than a turn of 3 s
+    made, _ = collect_here(make_settings(short_suite, share=0.25), tmp_path / "part")
+    assert made.share == 0.25
+    part, whole = read_content(tmp_path / "part"), read_content(dataset)
+    assert 0.1 * len(whole) < len(part) < 0.4 * len(whole)
+    assert part.items() <= whole.items()  # what is kept does not change
+    ticks: dict[str, list[int]] = {}
+    for key in sorted({name.split(".", 1)[0] for name in part}):
+        drive, tick = split_key(key)
+        ticks.setdefault(drive, []).append(tick)
+    steps = {later - tick for each in ticks.values() for tick, later in pairwise(each)}
+    assert steps == {4, 28}

@@ -19,6 +19,7 @@ OTHERS = {
     "perturbation": 0.5,
     "mix": 0.25,
     "round": 1,
+    "share": 0.5,
     "suite": "interdrive",
 }
 """Another value of every field but the learner's weights, and the folder of places, which decides nothing."""

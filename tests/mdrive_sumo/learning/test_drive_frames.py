@@ -35,7 +35,7 @@ def drive(short_suite: Any) -> CollectedDrive:
     """A drive whose CAVs have the LiDAR, and note its cells with their own states at decisions."""
     settings = make_settings(short_suite, expert="sharing+negotiation", perturbation=0.0)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recording_agent, "build_rig_sensors", lambda _: (SCAN_SENSOR,))
+        patch.setattr(recording_agent, "build_rig_sensors", lambda *_: (SCAN_SENSOR,))
         patch.setattr(recording_agent, "build_lidar_histogram", lambda cloud: build_point_cells(cloud.points))
         return drive_here(settings)
 

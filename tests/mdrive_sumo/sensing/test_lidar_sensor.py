@@ -52,8 +52,12 @@ def test_the_lmdrive_profile_turns_every_second_tick() -> None:
 
 @pytest.mark.parametrize(
     ("options", "ticks"),
-    [({"every_ticks": 4}, [0, 4, 8, 12]), ({"profile": "lmdrive", "every_ticks": 3}, [0, 6, 12])],
-    ids=["default", "both periods"],
+    [
+        ({"every_ticks": 4}, [0, 4, 8, 12]),
+        ({"profile": "lmdrive", "every_ticks": 3}, [0, 6, 12]),
+        ({"every_ticks": 2, "on_ticks": 4, "cycle_ticks": 6, "cycle_start": 6}, [0, 2, 6, 8, 12]),
+    ],
+    ids=["default", "both periods", "in turns"],
 )
 def test_scans_may_be_rarer_and_are_then_the_same(options: dict[str, Option], ticks: list[int]) -> None:
     rare, full = sensor(**options, noise_m=0.1), sensor(**{**options, "every_ticks": 1}, noise_m=0.1)

@@ -43,7 +43,10 @@ def test_unusable_options_are_one_sentence(options: dict[str, float | str], said
 
 
 @needs_opengl
-@pytest.mark.parametrize("options", [{"colour": 1.0}, {"light": "moon"}, {"noise": 2.0}, {"every_ticks": 0}])
+@pytest.mark.parametrize(
+    "options",
+    [{"colour": 1.0}, {"light": "moon"}, {"noise": 2.0}, {"every_ticks": 0}, {"on_ticks": 3, "cycle_ticks": 2}],
+)
 def test_other_options_are_checked_too(options: dict[str, float | str]) -> None:
     with pytest.raises(InputError, match="sensor 'camera'"):
         build_camera(load_town(), **options)
@@ -54,6 +57,13 @@ def test_a_slow_camera_is_missing_between_its_images() -> None:
     camera = build_camera(load_town(), every_ticks=4, width=32, height=32)
     taken = [camera.sense(scene, find_eye(scene)) is not None for scene in map(street_scene, range(9))]
     assert [tick for tick, image in enumerate(taken) if image] == [0, 4, 8]
+
+
+@needs_opengl
+def test_a_camera_that_works_in_turns_rests_between_them() -> None:
+    camera = build_camera(load_town(), every_ticks=2, on_ticks=5, cycle_ticks=12, cycle_start=4, width=32, height=32)
+    taken = [camera.sense(scene, find_eye(scene)) is not None for scene in map(street_scene, range(24))]
+    assert [tick for tick, image in enumerate(taken) if image] == [4, 6, 8, 16, 18, 20]
 
 
 @needs_opengl
