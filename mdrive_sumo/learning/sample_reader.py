@@ -24,10 +24,10 @@ from mdrive_sumo.learning.sample_format import (
     split_key,
 )
 from mdrive_sumo.learning.shard_reading import StoredSample, iterate_shard, load_dataset_file
+from mdrive_sumo.learning.shared_arrays import ArrayPlace, Arrays, SharedArrays
 from mdrive_sumo.runs.process_pool import ProcessPool
 from mdrive_sumo.runs.worker_process import WorkerFailure
 
-Arrays = dict[str, npt.NDArray[Any]]
 REMEMBERED_TICKS = 8
 """A sample's `previous` one is two decisions earlier: 0.4 s."""
 SHARD_LIMIT_S = 3600.0
@@ -56,6 +56,9 @@ class DecodingJob:
     path: Path
     entry: ShardEntry
     spec: SystemSpec
+    first_row: int
+    places: Mapping[str, ArrayPlace]
+    """The arrays of all samples."""
 
 
 def read_samples(folder: Path, spec: SystemSpec | None = None) -> Iterator[TrainingSample]:
@@ -93,61 +96,51 @@ def load_arrays(folders: Path | Sequence[Path], spec: SystemSpec, workers: int =
     `limits` of the route; `lidar` and `instruction` (M, INSTRUCTION_WORDS) int64 if the system uses them; `boxes`
     (M, MAX_BOXES, 9), `futures` (M, MAX_BOXES, PLAN_POINTS, 3) and `lane_graph` (M, MAX_LANES, LANE_POINTS, 2), NaN
     where there is nothing; `scenario` (M,) int32, its index; `episode` (M,) int32, the number of the CAV's drive;
-    `previous` (M,) int32, the row of the same CAV's sample 0.4 s earlier or -1. workers: processes that decode shards.
-    Raises InputError as
-    `read_samples`, also without samples.
+    `previous` (M,) int32, the row of the same CAV's sample 0.4 s earlier or -1. workers: processes that decode shards,
+    into memory that this process shares. Raises InputError as `read_samples`, also without samples.
     """
     listed = [folders] if isinstance(folders, Path) else list(folders)
-    jobs = [DecodingJob(path, entry, spec) for folder in listed for path, entry in _list_shards(folder, spec)]
-    total = sum(job.entry.samples for job in jobs)
-    if not total:
+    shards = [shard for folder in listed for shard in _list_shards(folder, spec) if shard[1].samples]
+    if not shards:
         raise InputError(f"{', '.join(map(str, listed))}: expected a data set with samples, found none")
-    first_rows = np.cumsum([0, *(job.entry.samples for job in jobs)]).tolist()
-    arrays: Arrays = {}
-    keys: list[str] = [""] * total
-    for number, (found_keys, found) in _decode_shards(jobs, workers):
-        rows = slice(first_rows[number], first_rows[number + 1])
-        keys[rows] = found_keys
-        for name, part in found.items():
-            if name not in arrays:
-                arrays[name] = np.empty((total, *part.shape[1:]), part.dtype)
-            arrays[name][rows] = part
+    first_rows = np.cumsum([0, *(entry.samples for _, entry in shards)])
+    row = _build_row(decode_sample(next(iterate_shard(*shards[0])), spec), spec)
+    with SharedArrays(row, int(first_rows[-1])) as shared:
+        jobs = [
+            DecodingJob(path, entry, spec, first, shared.places)
+            for (path, entry), first in zip(shards, first_rows.tolist(), strict=False)
+        ]
+        keys = dict(_decode_shards(jobs, workers))
+    ordered = [key for job in jobs for key in keys[job.first_row]]
     shard_of_row = np.repeat(np.arange(len(jobs)), np.diff(first_rows)).tolist()
-    return arrays | link_samples(keys, shard_of_row)
+    return shared.arrays | link_samples(ordered, shard_of_row)
 
 
-def _decode_shards(jobs: Sequence[DecodingJob], workers: int) -> Iterator[tuple[int, tuple[list[str], Arrays]]]:
-    """Yield the number of each job with its keys and arrays, in the order in which they finish."""
-    filled = [(number, job) for number, job in enumerate(jobs) if job.entry.samples]
-    if workers == 1 or len(filled) == 1:
-        yield from ((number, decode_shard(job)) for number, job in filled)
+def _decode_shards(jobs: Sequence[DecodingJob], workers: int) -> Iterator[tuple[int, list[str]]]:
+    """Fill the rows of each shard and yield its first row with its keys, in the order in which they finish."""
+    if workers == 1 or len(jobs) == 1:
+        yield from ((job.first_row, decode_shard(job)) for job in jobs)
         return
-    with ProcessPool(_decode_numbered, workers, SHARD_LIMIT_S) as pool:
-        for (_, job), outcome in pool.run(filled):
+    with ProcessPool(decode_shard, workers, SHARD_LIMIT_S) as pool:
+        for job, outcome in pool.run(jobs):
             if isinstance(outcome, WorkerFailure):
                 raise (
                     InputError(outcome.reason)
                     if outcome.kind == "input"
                     else WorldError(f"{job.path}: {outcome.reason}")
                 )
-            yield outcome
+            yield job.first_row, outcome
 
 
-def _decode_numbered(job: tuple[int, DecodingJob]) -> tuple[int, tuple[list[str], Arrays]]:
-    return job[0], decode_shard(job[1])
-
-
-def decode_shard(job: DecodingJob) -> tuple[list[str], Arrays]:
-    """Return keys and arrays of the samples of one shard, see `load_arrays`. Raises InputError."""
+def decode_shard(job: DecodingJob) -> list[str]:
+    """Write the samples of one shard into their rows, see `load_arrays`, and return their keys. Raises InputError."""
     keys: list[str] = []
-    arrays: Arrays = {}
-    for row, stored in enumerate(iterate_shard(job.path, job.entry)):
+    arrays = {name: place.open() for name, place in job.places.items()}
+    for row, stored in enumerate(iterate_shard(job.path, job.entry), start=job.first_row):
         keys.append(stored.key)
         for name, value in _build_row(decode_sample(stored, job.spec), job.spec).items():
-            if name not in arrays:
-                arrays[name] = np.empty((job.entry.samples, *value.shape), value.dtype)
             arrays[name][row] = value
-    return keys, arrays
+    return keys
 
 
 def _build_row(sample: TrainingSample, spec: SystemSpec) -> Arrays:

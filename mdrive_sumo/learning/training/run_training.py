@@ -44,7 +44,8 @@ class TrainingRun:
     options: TrainingOptions
     device: str
     folder: Path
-    data: Arrays
+    data: dict[str, npt.NDArray[Any]]
+    """Loses its images when they lie on a GPU."""
     validation: Arrays | None = None
     """None: a part of `data` is held out."""
     is_resumed: bool = False
@@ -79,6 +80,7 @@ def _run(run: TrainingRun, report: Report) -> Path:
     _prepare(trainer, run, report)
     data, shares, validation = _prepare_data(run, device)
     trainer.summary |= _describe_run(run, device, int(np.count_nonzero(shares)))
+    _drop_copied_images(run, data)
     kinds = ", ".join(f"{kind} {count}" for kind, count in trainer.summary["kinds"].items())
     report(f"{run.system}: {trainer.summary['samples']} samples in the memory of {data.place}: {kinds}")
     trainer.train(data, shares, run.folder, validation.glance)
@@ -147,6 +149,13 @@ def _prepare_data(run: TrainingRun, device: torch.device) -> tuple[TrainingData,
     shares[rows] = 0.0
     data = TrainingData(spec, run.data, device)
     return data, shares, Validation(data, run.data, rows)
+
+
+def _drop_copied_images(run: TrainingRun, data: TrainingData) -> None:
+    """Free the main memory of images that lie on a GPU: four trainings of 150 000 samples have 180 GB of them."""
+    if data.place.type != "cpu":
+        for image in data.spec.images:
+            del run.data[image.name]
 
 
 def _describe_run(run: TrainingRun, device: torch.device, samples: int) -> dict[str, Any]:

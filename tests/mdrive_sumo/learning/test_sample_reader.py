@@ -19,6 +19,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.recorded_rigs import find_rig_system, list_stored_images, parse_rig_names
 from mdrive_sumo.learning.sample_format import DATASET_FILE, FORMAT, LABELS, split_key
 from mdrive_sumo.learning.sample_reader import MAX_BOXES, load_arrays, read_samples
+from mdrive_sumo.learning.shared_arrays import SharedArrays
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 SHARD = "shard-000000.tar"
@@ -151,6 +152,26 @@ def test_arrays_of_a_system(system: str, few: Path, tmp_path: Path) -> None:
         boxes = sample.labels["boxes"]
         np.testing.assert_array_equal(arrays["boxes"][row, : len(boxes)], boxes)
         assert np.isnan(arrays["boxes"][row, len(boxes) :]).all()
+
+
+def test_workers_fill_the_same_rows(few: Path, tmp_path: Path) -> None:
+    folder = copy_dataset(few, tmp_path / "set")
+    add_images(folder, SYSTEMS["tcp"])
+    alone, together = (load_arrays([folder, folder], SYSTEMS["tcp"], workers=workers) for workers in (1, 2))
+    assert alone.keys() == together.keys()
+    for name, array in alone.items():
+        np.testing.assert_array_equal(array, together[name])
+
+
+def test_shared_arrays_are_filled_from_elsewhere_and_stay() -> None:
+    rows = {"a": np.zeros(3, np.float32), "b": np.zeros((), np.uint8)}
+    with SharedArrays(rows, 4) as shared:
+        for name, place in shared.places.items():
+            place.open()[2:] = 7 if name == "a" else 8
+    assert shared.arrays["a"].tolist() == [[0.0] * 3] * 2 + [[7.0] * 3] * 2
+    assert shared.arrays["b"].tolist() == [0, 0, 8, 8]
+    with pytest.raises(OSError):
+        shared.places["a"].open()
 
 
 def test_previous_rows_are_the_same_cars_0_4_s_earlier(few: Path, tmp_path: Path) -> None:
