@@ -69,12 +69,17 @@ class ColmdriverAgent(NegotiatingAgent):
         needs_network = talk == "model" and not self._settings.transcript
         self._decoder = load_decoder(weights or WEIGHTS) if needs_network else None
         self._seen: Observation | None = None
+        self.speaker: Speaker | None = None
+        """What speaks for this CAV, from `start` on."""
+        self.negotiator: LlmNegotiator | None = None
 
     def build_negotiator(self, briefing: Briefing) -> LlmNegotiator:
         """Return a negotiator with this agent's speaker; where that gives nothing usable the rule decides."""
         has_critic = bool(self._options.values["critic"])
         parameters = LLM_NEGOTIATION if has_critic else replace(LLM_NEGOTIATION, rounds=1)
-        return LlmNegotiator(self._build_speaker(briefing), self._instant, parameters, briefing.v2x_rate)
+        self.speaker = self._build_speaker(briefing)
+        self.negotiator = LlmNegotiator(self.speaker, self._instant, parameters, briefing.v2x_rate)
+        return self.negotiator
 
     def _build_speaker(self, briefing: Briefing) -> Speaker:
         model = LanguageModel(self._settings, briefing.seed)

@@ -21,6 +21,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "show": ("show", "Draw a scenario or a network."),
     "view": ("view", "See in the browser what each CAV lost, compare runs, replay an episode."),
     "explain": ("explain", "Tell in sentences what a CAV did and why."),
+    "negotiate": ("negotiate", "Hold one round of a negotiation at a tick of a drive; take part if you wish."),
     "render": ("render", "Draw a recorded episode as a picture or a video."),
     "export": ("export", "Write recorded episodes for Foxglove, CommonRoad, SUMO, OpenSCENARIO, pandas, ..."),
     "verify": ("verify", "Execute a run again and compare every tick."),

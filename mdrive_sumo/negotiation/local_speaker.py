@@ -86,6 +86,12 @@ class LocalSpeaker:
         )
         return None if text is None else replace_letters(text, station_by_letter)
 
+    def describe(self, conversation: Conversation, speaker: str, members: Mapping[str, NegotiationMember]) -> list[str]:
+        """Return what the model would be told before the next message of a member, line by line."""
+        letter_by_station = assign_letters(conversation.group)
+        view = self._build_view(speaker, members, letter_by_station)
+        return format_prompt(SAY, view, build_talk(conversation, letter_by_station), self._vocabulary)
+
     def conclude(
         self, conversation: Conversation, me: str, members: Mapping[str, NegotiationMember]
     ) -> GroupAgreement | None:
