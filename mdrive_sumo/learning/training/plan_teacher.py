@@ -36,13 +36,13 @@ def judge_plans(plans: Tensor, labels: Mapping[str, Tensor]) -> Tensor:
     - progress: the way along the route, as a share of the expert's, at most 1.
     - comfort: longitudinal and lateral acceleration within nuPlan's bounds, from the present speed on.
     """
-    expert = labels["expert_plan"].float()[:, None]
-    plans = plans.float()
-    hits, allowed = (find_hits(each, labels["boxes"], labels["futures"]) for each in (plans, expert))
-    route = extend_route(labels["route"].float())
-    (outside, way), (outside_expert, way_expert) = (_follow_route(each, route) for each in (plans, expert))
-    speed = labels["own"][:, None, 3].float()
-    strain, strain_expert = (_measure_strain(each, speed) for each in (plans, expert))
+    every = torch.cat((plans, labels["expert_plan"][:, None]), dim=1).float()
+    hits = find_hits(every, labels["boxes"], labels["futures"])
+    outside, way = _follow_route(every, extend_route(labels["route"].float()))
+    strain = _measure_strain(every, labels["own"][:, None, 3].float())
+    (hits, allowed), (outside, outside_expert), (way, way_expert), (strain, strain_expert) = (
+        (each[:, :-1], each[:, -1:]) for each in (hits, outside, way, strain)
+    )
     return torch.stack(
         (
             1.0 - (hits & ~allowed).any(dim=-1).float(),
@@ -67,19 +67,29 @@ def find_hits(plans: Tensor, boxes: Tensor, futures: Tensor) -> Tensor:
     poses = torch.cat((boxes[:, :, None, :3], futures), dim=2)
     facing = torch.stack((torch.cos(poses[..., 2]), torch.sin(poses[..., 2])), dim=-1)
     half = boxes[:, None, :, 3:5] / 2.0
-    hits = torch.zeros(*plans.shape[:2], boxes.shape[1], dtype=torch.bool, device=plans.device)
-    excused = torch.zeros_like(hits)  # it drove into the car from behind, and goes on through it
-    for k in range(plans.shape[2]):
-        for share in (0.5, 1.0):
-            centre = torch.lerp(path[:, :, k], path[:, :, k + 1], share)
-            place = torch.lerp(poses[:, :, k, :2], poses[:, :, k + 1, :2], share)
-            way = torch.lerp(facing[:, :, k], facing[:, :, k + 1], share)
-            way = way / torch.linalg.vector_norm(way, dim=-1, keepdim=True).clamp(min=1e-6)
-            is_moving = (moved[:, :, k] > MOVED_M)[..., None]
-            overlap, is_behind = _overlap(centre, heading[:, :, k], place, way, half)
-            excused |= overlap & is_behind
-            hits |= overlap & ~excused & is_moving
-    return hits
+    # All times at once, as one long batch: in a loop they were 2 100 of the 4 700 operations of a step of `vad`.
+    place, way = _interpolate(poses[..., :2]), _interpolate(facing)
+    way = way / torch.linalg.vector_norm(way, dim=-1, keepdim=True).clamp(min=1e-6)
+    times = place.shape[2] // plans.shape[2]
+    overlap, is_behind = _overlap(
+        _interpolate(path).transpose(1, 2).flatten(0, 1),
+        heading.repeat_interleave(times, dim=2).transpose(1, 2).flatten(0, 1),
+        place.transpose(1, 2).flatten(0, 1),
+        way.transpose(1, 2).flatten(0, 1),
+        half.expand(-1, place.shape[2], -1, -1).flatten(0, 1)[:, None],
+    )
+    overlap, is_behind = (each.unflatten(0, (len(plans), -1)) for each in (overlap, is_behind))
+    is_moving = (moved > MOVED_M).repeat_interleave(times, dim=2).transpose(1, 2)[..., None]
+    excused = overlap & is_behind  # it drove into the car from behind, and goes on through it
+    for time in range(1, excused.shape[1]):
+        excused[:, time] |= excused[:, time - 1]
+    return (overlap & ~excused & is_moving).any(dim=1)
+
+
+def _interpolate(path: Tensor) -> Tensor:
+    """Return the middles and ends (batch, K, 2 n, 2) of the steps of paths (batch, K, n + 1, 2)."""
+    middle = torch.lerp(path[:, :, :-1], path[:, :, 1:], 0.5)
+    return torch.stack((middle, path[:, :, 1:]), dim=3).flatten(2, 3)
 
 
 def _overlap(centre: Tensor, heading: Tensor, place: Tensor, facing: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
