@@ -12,6 +12,7 @@ from mdrive_sumo.cli.learn_detectors import evaluate_command as evaluate_detecto
 from mdrive_sumo.cli.learn_detectors import export_command as export_detector_command
 from mdrive_sumo.cli.learn_detectors import train_command as train_detector_command
 from mdrive_sumo.cli.learn_dialogues import dialogues_command, situations_command
+from mdrive_sumo.cli.learn_negotiator import evaluate_command as evaluate_negotiator_command
 from mdrive_sumo.cli.learn_negotiator import export_command as export_negotiator_command
 from mdrive_sumo.cli.learn_negotiator import train_command as train_negotiator_command
 from mdrive_sumo.cli.learn_observation import command as observation_command
@@ -113,4 +114,5 @@ command.add_command(situations_command)
 command.add_command(dialogues_command)
 command.add_command(train_negotiator_command)
 command.add_command(export_negotiator_command)
+command.add_command(evaluate_negotiator_command)
 command.add_command(observation_command)

@@ -1,5 +1,7 @@
-"""`mdrive-sumo learn train-negotiator` and `export-negotiator`."""
+"""`mdrive-sumo learn train-negotiator`, `export-negotiator` and `evaluate-negotiator`."""
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -7,8 +9,11 @@ import click
 
 from mdrive_sumo.cli.options import FiniteRange
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_parents, write_text
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.require_torch import require_torch
+from mdrive_sumo.runs.evaluate import report_write_errors
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -109,3 +114,44 @@ def export_command(checkpoint: Path, data: Path, out: Path) -> None:
         f" as before rounding; {exported.message_ms[0]:.0f} ms of one core a message, 99 % below"
         f" {exported.message_ms[1]:.0f} ms"
     )
+
+
+@click.command("evaluate-negotiator")
+@click.option("--data", type=FOLDER, required=True, help="Dialogues of places that it was not trained on.")
+@click.option(
+    "--weights", type=click.Path(path_type=Path, dir_okay=False), help="negotiator.onnx  [default: the packaged one]"
+)
+@click.option("--dialogues", type=click.IntRange(1, 1_000_000), default=1000, show_default=True, help="At most.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write the numbers to this JSON file.")
+def evaluate_command(data: Path, weights: Path | None, dialogues: int, out: Path | None) -> None:
+    """Compare the answers of the language model with those that were taught, by size of the group.
+
+    Runs exported weights as they drive (ONNX Runtime on one core; no PyTorch is needed).
+    """
+    import numpy as np
+
+    from mdrive_sumo.learning.dialogue.dialogue_files import read_dialogues
+    from mdrive_sumo.learning.dialogue.evaluate_decoder import evaluate_decoder
+    from mdrive_sumo.negotiation.dialogue.dialogue_decoder import WEIGHTS, load_decoder
+
+    decoder = load_decoder(weights or WEIGHTS)
+    samples = read_dialogues(data, decoder.vocabulary.digest)
+    if out is not None:
+        with report_write_errors(out):  # before minutes of work
+            make_parents(out)
+    rows = np.unique(np.linspace(0, len(samples) - 1, dialogues).astype(int)).tolist()
+    scores = evaluate_decoder(decoder, samples, rows)
+    header = ("task", "members", "dialogues", "order", "order and actions", "head")
+    lines = [
+        (
+            one.task,
+            str(one.members),
+            str(one.dialogues),
+            *(f"{share:.3f}" for share in (one.order, one.actions, one.head)),
+        )
+        for one in scores
+    ]
+    echo(format_text(make_text_table(header, lines)))
+    if out is not None:
+        with report_write_errors(out):
+            write_text(out, json.dumps([asdict(one) for one in scores], indent=1) + "\n")

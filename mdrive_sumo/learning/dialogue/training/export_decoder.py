@@ -18,14 +18,13 @@ from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.onnx_manifest import write_manifest
 from mdrive_sumo.core.onnx_weights import create_session
 from mdrive_sumo.core.output_files import make_folder
-from mdrive_sumo.learning.dialogue.dialogue_samples import UNKNOWN, DialogueSamples
+from mdrive_sumo.learning.dialogue.dialogue_samples import DialogueSamples
+from mdrive_sumo.learning.dialogue.evaluate_decoder import write_answer
 from mdrive_sumo.learning.dialogue.networks.decoder_network import CachedDecoder, DecoderNetwork
 from mdrive_sumo.learning.dialogue.training.run_dialogue_training import check_vocabulary
 from mdrive_sumo.learning.networks.build_network import count_parameters
 from mdrive_sumo.learning.training.checkpoint import Checkpoint, take_weights
 from mdrive_sumo.learning.training.export_network import OnnxFile, find_largest, store_half, write_onnx
-from mdrive_sumo.negotiation.dialogue.answer_grammar import AnswerGrammar
-from mdrive_sumo.negotiation.dialogue.answers import LETTERS
 from mdrive_sumo.negotiation.dialogue.decoder_shape import DecoderShape
 from mdrive_sumo.negotiation.dialogue.dialogue_decoder import DialogueDecoder
 from mdrive_sumo.negotiation.dialogue.dialogue_manifest import SYSTEM, DialogueManifest
@@ -76,7 +75,9 @@ def export_decoder(
         difference = find_largest(_compare_scores(network, exact_file, samples, row) for row in rows[:4].tolist())
         quantise(exact, file)
         decoders = [_open_decoder(each, network.shape, load_vocabulary()) for each in (exact, file)]
-        heads = [[_answer(decoder, samples, row, has_words=False) for row in rows.tolist()] for decoder in decoders]
+        heads = [
+            [write_answer(decoder, samples, row, has_words=False) for row in rows.tolist()] for decoder in decoders
+        ]
         message_ms = _time_answers(decoders[1], samples, rows.tolist())
     equal = float(np.mean([one == other for one, other in zip(*heads, strict=True)]))
     _check(file, difference, equal, least_equal)
@@ -156,20 +157,12 @@ def _compare_scores(network: DecoderNetwork, file: OnnxFile, samples: DialogueSa
     return float(np.abs(found - expected).max())
 
 
-def _answer(decoder: DialogueDecoder, samples: DialogueSamples, row: int, has_words: bool) -> list[int]:
-    """Return the entries of the answer to a prompt."""
-    prompt = samples.entries[row, : samples.answer_start[row]].tolist()
-    letters = LETTERS[: int((samples.ranks[row] != UNKNOWN).sum())]
-    grammar = AnswerGrammar(decoder.entries, prompt[0], letters, has_words=has_words)
-    return decoder.write(prompt, grammar)
-
-
 def _time_answers(decoder: DialogueDecoder, samples: DialogueSamples, rows: Sequence[int]) -> tuple[float, float]:
     """Return median and 99th percentile of the processor time [ms] of answers; each is written twice."""
     times: list[float] = []
     for row in (*rows, *rows):
         began = time.process_time()
-        _answer(decoder, samples, row, has_words=True)
+        write_answer(decoder, samples, row, has_words=True)
         times.append(1e3 * (time.process_time() - began))
     return float(np.median(times)), float(np.percentile(times, 99))
 
