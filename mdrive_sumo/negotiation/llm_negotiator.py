@@ -2,13 +2,17 @@
 
 import json
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mdrive_sumo.contract import Message, Note
 from mdrive_sumo.contract.briefing import V2xRate
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.agreement import (
+    OwnAgreement,
+    Request,
     build_decision,
+    find_exits,
     is_possible,
     move_forward,
     read_agreement,
@@ -30,14 +34,12 @@ from mdrive_sumo.negotiation.conversation import (
 from mdrive_sumo.negotiation.critic import Critique, avoid_slow_keeping, evaluate_actions
 from mdrive_sumo.negotiation.mcm_sending import McmSending
 from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationMember, NegotiationStep
+from mdrive_sumo.negotiation.outcome_note import OUTCOME, format_outcome
 from mdrive_sumo.negotiation.peer_table import PeerTable
 from mdrive_sumo.negotiation.right_of_way_claims import NegotiationTerms, build_mcm_message
 from mdrive_sumo.negotiation.rule_negotiator import apply_rule
 from mdrive_sumo.negotiation.speaker import GroupAgreement, Speaker
-from mdrive_sumo.v2x.messages import MAX_NAMES, TEXT, Intention, Mcm, MessageError, decode, encode
-
-OUTCOME = "negotiation"
-"""Kind of the note about the outcome of a round."""
+from mdrive_sumo.v2x.messages import MAX_NAMES, TEXT, Mcm, MessageError, decode, encode
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,50 +64,6 @@ LLM_NEGOTIATION = LlmNegotiationParameters()
 def count_conflict_ticks(graph: ConflictGraph, group: Sequence[str]) -> int:
     """Return the ticks until the last conflict of a group, one planning step if there is none."""
     return graph.count_conflict_ticks(group) if graph.in_conflict.any() else STEP_TICKS
-
-
-def format_outcome(
-    conversation: Conversation,
-    agreement: GroupAgreement,
-    critique: Critique,
-    decided_by: str,
-) -> str:
-    """Return the outcome of a round as JSON; the total is the original's, with a missing consensus counted as 0."""
-    consensus = agreement.consensus
-    outcome = {
-        "group": conversation.group,
-        "round": conversation.round,
-        "by": decided_by,
-        "actions": {name: action.name for name, action in agreement.actions.items()},
-        "safety": round(critique.safety, 3),
-        "efficiency": round(critique.efficiency, 3),
-        "consensus": consensus,
-        "total": round(3 * (consensus or 0.0) + 5 * critique.safety + 2 * critique.efficiency, 3),
-        "feedback": critique.feedback,
-    }
-    if agreement.order:
-        outcome["order"] = agreement.order
-    return json.dumps(outcome, sort_keys=True, separators=(",", ":"))
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What a member was asked to do, so far as an answer depends on it."""
-
-    action: Intention
-    order: tuple[str, ...]
-    until_tick: int
-
-
-@dataclass(frozen=True, slots=True)
-class OwnAgreement:
-    """What the own car, as the most central member, has asked all others to do."""
-
-    agreement: GroupAgreement
-    tick: int
-    until_tick: int
-    is_revised: bool = False
-    """Whether a member has refused it, and it was changed."""
 
 
 class LlmNegotiator:
@@ -137,6 +95,8 @@ class LlmNegotiator:
         self._answered: dict[str, Request] = {}
         """The last request of each station that was adopted or refused."""
         self._own_agreement: OwnAgreement | None = None
+        self._exits: Mapping[str, Float] = {}
+        """Where those that go first leave the areas that they share with the own car."""
         self._has_new_terms = False
         self._notes: deque[Note] = deque()
         self._due_tick = 0
@@ -210,7 +170,7 @@ class LlmNegotiator:
         """Begin a conversation if the own CAV is in a group that has not just finished one."""
         graph = build_conflict_graph(members, use_planned=self.get_valid_decision(tick) is not None)
         group = graph.find_group(me) if me in graph.ids else ()
-        if not group or self._is_conversing(tick):
+        if not group or self._is_conversing(tick) or set(group) <= set(self._get_held_order(tick, me)):
             return
         cool_down_ticks = self._parameters.cool_down_ticks
         if tick - self._finished_tick.get(group, -cool_down_ticks) < cool_down_ticks:
@@ -221,6 +181,14 @@ class LlmNegotiator:
             self._conversation.receive(received_tick, message, utterance)
         self._conversation.last_activity_tick = tick
 
+    def _get_held_order(self, tick: int, me: str) -> tuple[str, ...]:
+        """Return the order of passing in force, (): none. A conflict is settled once."""
+        if self.get_valid_decision(tick) is None:
+            return ()
+        if self._source == me:
+            return self._own_agreement.agreement.order if self._own_agreement is not None else ()
+        return self._answered[self._source].order
+
     def _is_conversing(self, tick: int) -> bool:
         """Return whether a conversation is going on."""
         conversation = self._conversation
@@ -228,10 +196,21 @@ class LlmNegotiator:
             return False
         return tick - conversation.last_activity_tick < self._parameters.stale_ticks
 
+    def _decide(
+        self,
+        me: str,
+        members: Sequence[NegotiationMember],
+        agreement: GroupAgreement,
+        group: tuple[str, ...],
+        until: int,
+    ) -> None:
+        self._decision = build_decision(me, members, agreement, group, until)
+        self._exits = find_exits(me, members, self._decision.yield_to)
+
     def _release(self, tick: int, me: str, members: Sequence[NegotiationMember]) -> None:
         """End what is done of the decision: it no longer waits for those that have passed."""
         held = self.get_valid_decision(tick)
-        decision = held and release_passed(held, me, members)
+        decision = held and release_passed(held, me, members, self._exits)
         if decision is held:
             return
         self._decision = decision
@@ -239,9 +218,12 @@ class LlmNegotiator:
             self._terms = replace(self._terms, requests={**self._terms.requests, me: decision.intention})
 
     def _revise_refused(self, tick: int, me: str, members: Sequence[NegotiationMember]) -> None:
-        """Ask all again, once, if members cannot carry out the own agreement: they then go first."""
+        """Ask all again, once, if members cannot carry out the own agreement: they then go first.
+
+        An agreement that is refused again, or asks too much of this car then, is dropped.
+        """
         own = self._own_agreement
-        if own is None or own.is_revised or tick > own.until_tick or self._source != me:
+        if own is None or tick > own.until_tick or self._source != me:
             return
         order, present = own.agreement.order, {member.id for member in members}
         refusing = [
@@ -251,10 +233,17 @@ class LlmNegotiator:
         ]
         if not refusing or not present >= set(order):
             return
+        if self._conversation is not None and self._conversation.group == tuple(sorted(order)):
+            self._finish(tick, self._conversation)
         changed = move_forward(refusing, own.agreement, members)
-        self._own_agreement = OwnAgreement(changed, tick, own.until_tick, is_revised=True)
-        self._request(me, members, changed, own.until_tick)
-        outcome = {"group": sorted(order), "by": "refusal", "refused": refusing, "order": changed.order}
+        outcome: dict[str, object] = {"group": sorted(order), "by": "refusal", "refused": refusing}
+        if own.is_revised or not is_possible(me, members, changed):
+            self._own_agreement = self._decision = None
+            self._terms, self._has_new_terms = NegotiationTerms(), True
+        else:
+            self._own_agreement = OwnAgreement(changed, tick, own.until_tick, is_revised=True)
+            self._request(me, members, changed, own.until_tick)
+            outcome["order"] = changed.order
         self._notes.append(Note(OUTCOME, json.dumps(outcome, sort_keys=True, separators=(",", ":"))))
 
     def _obey_request(self, tick: int, me: str, members: Sequence[NegotiationMember]) -> bool:
@@ -293,7 +282,7 @@ class LlmNegotiator:
         """Make the agreement in the MCM of `source` the own decision."""
         until = min(mcm.until_tick, tick + self._parameters.max_agreement_ticks)
         group = tuple(sorted(mcm.group))
-        self._decision = build_decision(me, members, read_agreement(source, mcm), group, until)
+        self._decide(me, members, read_agreement(source, mcm), group, until)
         self._terms = NegotiationTerms(answers={source: True}, group=mcm.group, until_tick=until)
         self._source = source
         self._finished_tick[group] = tick
@@ -392,7 +381,7 @@ class LlmNegotiator:
     def _request(self, me: str, members: Sequence[NegotiationMember], agreement: GroupAgreement, until: int) -> None:
         """Make an agreement the own decision, and ask all others to keep to it."""
         group = agreement.order or tuple(sorted(agreement.actions))
-        self._decision = build_decision(me, members, agreement, group, until)
+        self._decide(me, members, agreement, group, until)
         requests = dict(list(agreement.actions.items())[:MAX_NAMES])
         self._terms = NegotiationTerms(requests, {me: True} if agreement.order else {}, group[:MAX_NAMES], until)
         self._source, self._has_new_terms = me, True

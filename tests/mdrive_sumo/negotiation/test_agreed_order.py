@@ -12,7 +12,7 @@ from testing.negotiation_fakes import crossing, lines_of, member, talk
 
 from mdrive_sumo.contract import Note
 from mdrive_sumo.negotiation import LlmNegotiator, NegotiationDecision, NegotiationMember, NegotiationStep
-from mdrive_sumo.negotiation.agreement import build_decision, move_forward, release_passed
+from mdrive_sumo.negotiation.agreement import build_decision, find_exits, move_forward, release_passed
 from mdrive_sumo.negotiation.conflict_graph import CONFLICT
 from mdrive_sumo.negotiation.conversation import Conversation
 from mdrive_sumo.negotiation.critic import evaluate_actions
@@ -95,12 +95,21 @@ def test_who_cannot_brake_any_more_refuses_and_goes_first() -> None:
     assert decision_of(steps[23]["a"]).intention == Intention.SLOWER
 
 
-def test_an_agreement_is_refused_once_only() -> None:
-    """Neither can wait for the other one: the second request stays as it is."""
+def test_an_agreement_that_is_refused_twice_is_dropped() -> None:
+    """Neither can wait for the other one; they talk about it again a second later."""
     steps = agree(crossing(a_run=4.0, b_run=4.5), ("a", "b"), A_FIRST, ticks=24)
     decided_by = [json.loads(line)["by"] for line in lines_of(steps, "negotiation")]
-    assert decided_by.count("model") == 3  # the critic objects twice
-    assert 1 <= decided_by.count("refusal") <= 3
+    assert decided_by == ["model", "refusal"]
+    assert steps[20]["a"].decision is None and steps[20]["b"].decision is None
+    assert "order" not in lines_of(steps, "negotiation")[1]
+
+
+def test_a_conflict_is_settled_once() -> None:
+    """The plans still meet, and would without an order make the group talk again a second later."""
+    ordered = agree(crossing(), ("a", "b"), A_FIRST, ticks=41)
+    unordered = agree(crossing(), (), dict.fromkeys("ab", Intention.KEEP), ticks=41)
+    assert len(lines_of(ordered, "negotiation")) == 1
+    assert len(lines_of(unordered, "negotiation")) > 3
 
 
 @pytest.mark.parametrize(("b_run", "is_possible"), [(6.0, False), (9.0, True), (30.0, True)])
@@ -137,12 +146,15 @@ def drive_on(car: NegotiationMember, metres: float) -> NegotiationMember:
 def test_an_agreement_ends_when_those_that_go_first_have_passed() -> None:
     a, b = crossing(10.0, 12.0).values()
     waiting = NegotiationDecision(Intention.STOP, frozenset("a"), frozenset(), 90, ("a", "b"))
-    assert release_passed(waiting, "b", (a, b)) is waiting
-    assert release_passed(waiting, "b", (drive_on(a, 10.0), b)) is waiting  # in the middle
-    assert release_passed(waiting, "b", (drive_on(a, 16.0), b)) is None
-    assert release_passed(waiting, "b", (b,)) is waiting  # silent, who knows
+    exits = find_exits("b", (a, b), "a")
+    assert exits["a"] == pytest.approx((3.2, 0.0), abs=1.2)  # 3.55 m after the crossing, in steps of 1.2 m
+    assert release_passed(waiting, "b", (a, b), exits) is waiting
+    assert release_passed(waiting, "b", (drive_on(a, 10.0), b), exits) is waiting  # in the middle
+    assert release_passed(waiting, "b", (a, drive_on(b, -40.0)), exits) is waiting  # far away is not past
+    assert release_passed(waiting, "b", (drive_on(a, 16.0), b), exits) is None
+    assert release_passed(waiting, "b", (b,), exits) is waiting  # silent, who knows
     before_c = replace(waiting, priority_over=frozenset("c"))
-    released = release_passed(before_c, "b", (drive_on(a, 16.0), b))
+    released = release_passed(before_c, "b", (drive_on(a, 16.0), b), exits)
     assert released == replace(before_c, intention=Intention.KEEP, yield_to=frozenset())
 
 
