@@ -159,11 +159,11 @@ def test_a_run_names_no_language_model_to_ask(tmp_path: Path) -> None:
     names = [name for name in AGENTS if name.startswith("colmdriver") and name != "colmdriver-rule"]
     for name in names:
         again = replay_language_model(AgentSpec(name, config), tmp_path / "none.jsonl")
-        assert again.config == {"max_calls": 3, "transcript": os.devnull}
+        assert again.config == {"max_calls": 3, "talk": "endpoint", "transcript": os.devnull}
         AGENTS[name](again.config)
         gone = AgentSpec(name, {"transcript": str(tmp_path / "gone.jsonl")})
         assert replay_language_model(gone, None).config == {"transcript": os.devnull}
     assert replay_language_model(AgentSpec("idm"), None).config == {}
     (tmp_path / "t.jsonl").touch()
     again = replay_language_model(AgentSpec(names[0], config), tmp_path / "t.jsonl")
-    assert again.config == {"max_calls": 3, "transcript": str(tmp_path / "t.jsonl")}
+    assert again.config == {"max_calls": 3, "talk": "endpoint", "transcript": str(tmp_path / "t.jsonl")}
