@@ -80,6 +80,7 @@ imports: install
 bench: install ## measure, print tables, write bench.json
 	$(BIN)/python tests/bench/speed.py
 	$(BIN)/python tests/bench/jobs.py
+	$(BIN)/python tests/bench/rl.py
 	$(BIN)/python tests/bench/bench.py
 	$(BIN)/python tests/bench/cameras.py
 	$(BIN)/python tests/bench/sandbox.py

@@ -161,7 +161,9 @@ class Simulation:
             raise InputError("Simulation: agent_clock: expected none, for the caller replies in the tick it was asked")
         self._config = _make_config(self.scenario, self.roads, self.seed, "external", options)
         self._world: SumoWorld | None = None
-        self._simulation = self._make_simulation(open_world(self._config))
+        self._prepared: SumoWorld | None = open_world(self._config)
+        """The world of the first `reset`: walls and briefings are made once."""
+        self._simulation = self._make_simulation(self._prepared)
 
     def _make_simulation(self, world: SumoWorld) -> EpisodeSimulation:
         return EpisodeSimulation(self._config, SimulatedFrames(self._config, world), self._sensors)
@@ -205,9 +207,13 @@ class Simulation:
     def reset(self) -> dict[str, Observation]:
         """Start the episode, or start it anew, and return the first observations by CAV id. Raises WorldError."""
         Simulation.close_open()
-        self._world = open_world(self._config)
-        self._simulation = self._make_simulation(self._world)
-        self._world.__enter__()
+        world = self._prepared
+        if world is None:
+            world = open_world(self._config)
+            self._simulation = self._make_simulation(world)
+        self._prepared = None
+        self._world = world
+        world.__enter__()
         Simulation._open = self
         return self._simulation.reset()
 

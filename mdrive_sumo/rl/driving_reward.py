@@ -46,6 +46,8 @@ class DrivingReward:
         self._others: list[str] = []
         self._factors: list[float] = []
         """Of all contacts, new or not."""
+        self._has_new_contacts = False
+        """Since the latest decision."""
         self._collision_penalty = 1.0
         self._rule_penalty = 1.0
         """Product of the factors of stop signs and red lights."""
@@ -73,8 +75,7 @@ class DrivingReward:
             self._ticks += [frame.tick] * len(touched)
             self._others += [contact.other for contact in touched]
             self._factors += [INFRACTION_BY_KIND[contact.kind][1] for contact in touched]
-            new = find_new_contacts(self._states[: self._count, :2].copy(), self._ticks, self._others)
-            self._collision_penalty = math.prod(self._factors[i] for i in new)
+            self._has_new_contacts = True
 
     def take_reward(self) -> float:
         """Return the change of the potential since the last call."""
@@ -84,7 +85,11 @@ class DrivingReward:
         return reward
 
     def _judge_rules(self) -> None:
-        """Give the ticks since the last call to lanes, stop signs and lights."""
+        """Give the ticks since the last call to the rules."""
+        if self._has_new_contacts:
+            new = find_new_contacts(self._states[: self._count, :2].copy(), self._ticks, self._others)
+            self._collision_penalty = math.prod(self._factors[i] for i in new)
+            self._has_new_contacts = False
         states = self._states[self._judged : self._count]
         xy = states[:, :2].copy()  # the search for lanes takes rows without gaps
         piece = TrackPiece(xy, states[:, 2], states[:, 3], self._roads.find_nearest_lanes(xy), self._roads)

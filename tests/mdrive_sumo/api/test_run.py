@@ -137,7 +137,7 @@ def test_a_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
     script.write_text(
         "import mdrive_sumo as md\n"
         "print('started')\n"
-        "run = md.evaluate('interdrive', 'constant-speed', scenario='i02*', workers=1, out='run', progress=False)\n"
+        "run = md.evaluate('interdrive@0', 'constant-speed', scenario='i02*', workers=1, out='run', progress=False)\n"
         "print(run.results[0].void)\n"
     )
     ended = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path, check=True)
