@@ -86,7 +86,8 @@ def _drive_on(drive: LiveDrive, agents: Mapping[str, SteeredAgent], trial: Order
     begin = simulation.tick
     cavs = {cav: agent for cav, agent in agents.items() if agent.station in trial.order}
     for agent in cavs.values():
-        agent.negotiator.steer(build_order_decision(agent.station, trial, begin))
+        decision = build_order_decision(agent.station, trial, begin)
+        agent.negotiator.steer(agent.station, trial.members, decision)
     speeds = {cav: simulation.frame.egos[cav].speed for cav in cavs}
     driven = dict.fromkeys(cavs, 0.0)
     touched: set[tuple[str, str]] = set()

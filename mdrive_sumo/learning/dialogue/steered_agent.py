@@ -6,9 +6,10 @@ from dataclasses import replace
 from mdrive_sumo.agents.sharing import SharingNegotiationAgent
 from mdrive_sumo.contract import Briefing, Observation, Reply
 from mdrive_sumo.contract.briefing import V2xRate
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.learning.perturbation import PerturbationSchedule
 from mdrive_sumo.negotiation import NegotiationInterface, RuleNegotiator
-from mdrive_sumo.negotiation.agreement import release_passed
+from mdrive_sumo.negotiation.agreement import find_exits, release_passed
 from mdrive_sumo.negotiation.dialogue.dialogue_view import DialogueView, OwnKnowledge, build_dialogue_view
 from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationMember
 from mdrive_sumo.negotiation.peer_table import PeerView, predict_view
@@ -22,16 +23,21 @@ class SteeredNegotiator(RuleNegotiator):
     def __init__(self, rate: V2xRate) -> None:
         super().__init__(passing=True, rate=rate)
         self._given: NegotiationDecision | None = None
+        self._exits: Mapping[str, Float] = {}
 
-    def steer(self, decision: NegotiationDecision) -> None:
-        """Follow a decision while it is in force, until those that go first have passed, and claim what it says."""
+    def steer(self, me: str, members: Sequence[NegotiationMember], decision: NegotiationDecision) -> None:
+        """Follow a decision while it is in force, until those that go first have passed, and claim what it says.
+
+        me: the own station. members: of the group, now.
+        """
         self._given = self._decision = decision
+        self._exits = find_exits(me, members, decision.yield_to)
         pairs = [(name, True) for name in decision.yield_to] + [(name, False) for name in decision.priority_over]
         self._settled_by_id = {name: (goes_first, decision.until_tick) for name, goes_first in pairs}
 
     def _update_decision(self, tick: int, me: str, view: PeerView, claims: RightOfWayClaims) -> None:
         if self._given is not None and tick <= self._given.until_tick:
-            self._given = self._decision = release_passed(self._given, me, predict_view(view))
+            self._given = self._decision = release_passed(self._given, me, predict_view(view), self._exits)
             if self._given is not None:
                 return
             self._settled_by_id.clear()
