@@ -1,12 +1,15 @@
 """Build the vocabulary of the negotiator from the words of its dialogues.
 
-    python tools/build_vocabulary.py          # writes mdrive_sumo/negotiation/dialogue/vocabulary.json
+    python -m tools.build_vocabulary          # writes mdrive_sumo/negotiation/dialogue/vocabulary.json
 
 The dialogues are about made-up situations: prompts and grammars of wording are the same as in real ones, and no
 simulation is needed. Weights and samples of another vocabulary are of no use.
 """
 
+import click
+
 from mdrive_sumo.core.output_files import write_text
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.dialogue.synthetic_dialogues import draw_dialogue
 from mdrive_sumo.learning.dialogue.wording import list_words
 from mdrive_sumo.negotiation.dialogue.decoder_shape import NEGOTIATOR
@@ -17,6 +20,7 @@ from mdrive_sumo.negotiation.dialogue.vocabulary import (
     format_vocabulary,
     learn_merges,
 )
+from tools.tool_command import HELP, ToolCommand, dry_run_option
 
 DIALOGUES = 700
 """Read to count words."""
@@ -35,5 +39,16 @@ def build_vocabulary() -> DialogueVocabulary:
     return vocabulary
 
 
+@click.command(cls=ToolCommand, context_settings=HELP)
+@dry_run_option
+def main(dry_run: bool) -> None:
+    """Build the vocabulary of the negotiator from the words of its dialogues."""
+    built = format_vocabulary(build_vocabulary())
+    is_changed = built != PACKAGED.read_text("utf-8")
+    if is_changed and not dry_run:
+        write_text(PACKAGED, built)
+    echo(f"{PACKAGED}: {('would change' if dry_run else 'changed') if is_changed else 'is as built'}")
+
+
 if __name__ == "__main__":
-    write_text(PACKAGED, format_vocabulary(build_vocabulary()))
+    main()

@@ -12,7 +12,7 @@ from tools.build_vocabulary import build_vocabulary
 
 @pytest.mark.slow
 def test_the_packaged_vocabulary_is_built_from_the_dialogues() -> None:
-    assert format_vocabulary(build_vocabulary()) == PACKAGED.read_text("utf-8"), "run tools/build_vocabulary.py"
+    assert format_vocabulary(build_vocabulary()) == PACKAGED.read_text("utf-8"), "run python -m tools.build_vocabulary"
 
 
 def test_words_of_dialogues_are_one_entry_each() -> None:
