@@ -25,6 +25,12 @@ from mdrive_sumo.rl.observation_vector import (
 )
 from mdrive_sumo.sensing.raster_sensor import LAYERS
 
+STYLE = """
+.sight svg { min-width: 0; max-width: 560px; }
+.layers { display: grid; grid-template-columns: repeat(auto-fill, minmax(230px, 1fr)); gap: 0 18px; }
+.layers svg { min-width: 0; }
+"""
+"""Layers stand side by side: one below the other they are seven screens."""
 LIDAR_LAYER_NAMES = ("points on the ground", "points above the ground")
 
 
@@ -105,7 +111,7 @@ def render_observation_page(
     page = render_html_page(
         "observation_page.html",
         title=title,
-        style=format_custom_properties() + read_static("comparison_report.css"),
+        style=format_custom_properties() + read_static("comparison_report.css") + STYLE,
         facts=facts,
         drawing=_draw(route, users),
         layers=[_describe_layer(name, layer) for name, layer in zip(names, grid, strict=True)] if grid.size else [],
