@@ -22,7 +22,7 @@ from mdrive_sumo.learning.sample_format import DATASET_FILE, SHARD_SCENARIOS, Co
 from mdrive_sumo.learning.scenario_jobs import ScenarioJob, WaitingScenario, order_jobs, run_scenario_job
 from mdrive_sumo.learning.shard_reading import load_dataset_file
 from mdrive_sumo.runs.executor import run_jobs
-from mdrive_sumo.runs.journal import Journal, open_journal
+from mdrive_sumo.runs.journal import Fingerprint, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure, describe_write_error
 from mdrive_sumo.scenario.scenario import describe_first_error
@@ -31,6 +31,7 @@ SCENARIO_LIMIT_S = 1800.0
 """Wall clock of one scenario: it ends what hangs, and must not end what only waits for a busy machine."""
 WAITING_FOLDER = "waiting"
 """Folder in that of the data set: the samples of finished scenarios until their shard is packed."""
+TORN = "the last line of the journal was incomplete and has been dropped"
 
 
 class CollectionProgress(Protocol):
@@ -123,6 +124,53 @@ class ScenarioFiles(Generic[Entry]):
 
 
 @dataclass(frozen=True, slots=True)
+class FileCollection(Generic[Entry]):
+    """A collection that keeps a file for each scenario, and an index of them, but no shards."""
+
+    settings: CollectionSettings
+    fingerprint: Fingerprint
+    """What makes two collections the same."""
+    run: Callable[[ScenarioJob], Entry]
+    entry_type: type[Entry]
+    folder: Path
+    name: str
+    """Name of a file, with a place for the index of its scenario."""
+    patterns: tuple[str, ...]
+    """Globs of all files that `run` writes."""
+    write_index: Callable[[list[Entry]], None]
+    """Gets the finished scenarios by index, also after an interruption."""
+
+    def collect(self, scenarios: int, workers: int, progress: CollectionProgress, fresh: bool) -> list[Entry]:
+        """Make what is missing of so many scenarios and return what there is, by index.
+
+        A file that the journal does not know, or that is not the one that it knows, is made again. Raises InputError,
+        also for a folder that holds another collection.
+        """
+        with open_journal(self.folder, self.fingerprint, fresh=fresh) as journal:
+            if journal.torn:
+                progress.note(TORN)
+            folder = self.folder.resolve()
+            files = ScenarioFiles(self.settings, self.run, self.entry_type, folder, self.name, journal, progress)
+            try:
+                make_folder(self.folder)
+                remove_parts(self.folder)
+                for path in (path for each in self.patterns for path in self.folder.glob(each)) if fresh else ():
+                    path.unlink()
+                files.find_kept(range(scenarios))
+                progress.begin(scenarios, len(files.entries))
+                missing = [index for index in range(scenarios) if index not in files.entries]
+                try:
+                    for _ in files.drive(missing, scenarios, workers):
+                        pass
+                finally:
+                    found = [entry for _, entry in sorted(files.entries.items())]
+                    self.write_index(found)
+            except OSError as error:
+                raise InputError(describe_write_error(error, error.filename or self.folder)) from None
+        return found
+
+
+@dataclass(frozen=True, slots=True)
 class ShardPlan:
     """A shard of a data set, made or not."""
 
@@ -147,7 +195,7 @@ def collect_dataset(
     """
     with open_journal(folder, settings.fingerprint, fresh=fresh) as journal:
         if journal.torn:
-            progress.note("the last line of the journal was incomplete and has been dropped")
+            progress.note(TORN)
         collection = _Collection(settings, folder.resolve(), scenarios, journal, progress)
         try:
             collection.prepare_folder(fresh)

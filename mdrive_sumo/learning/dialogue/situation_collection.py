@@ -13,16 +13,14 @@ from typing import Any
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.input_files import read_bytes
-from mdrive_sumo.core.output_files import make_folder, remove_parts, write_text
-from mdrive_sumo.learning.collection import CollectionProgress, ScenarioFiles
+from mdrive_sumo.core.output_files import write_text
+from mdrive_sumo.learning.collection import CollectionProgress, FileCollection
 from mdrive_sumo.learning.collection_settings import CollectionSettings
 from mdrive_sumo.learning.dialogue.drive_situations import SituationSampling, drive_situations
 from mdrive_sumo.learning.dialogue.situations import Situation, write_situations
 from mdrive_sumo.learning.sample_format import SPLITS, CollectedScenario
 from mdrive_sumo.learning.scenario_jobs import ScenarioJob, WaitingScenario
 from mdrive_sumo.negotiation.dialogue.answers import MAX_MEMBERS
-from mdrive_sumo.runs.journal import Fingerprint, open_journal
-from mdrive_sumo.runs.worker_process import describe_write_error
 
 FORMAT = "mdrive-sumo situations 1"
 INDEX_NAME, FILE_NAME = "situations.json", "situations-{:06d}.json.gz"
@@ -52,32 +50,18 @@ def collect_situations(
 ) -> list[SituationFile]:
     """Make what is missing of the situations of so many scenarios; return what there is, by index.
 
-    A file that the journal does not know, or that is not the one that it knows, is made again. Raises InputError, also
-    for a folder that holds something else.
+    See `FileCollection.collect`. Raises InputError.
     """
-    fingerprint: Fingerprint = {**settings.fingerprint, "collection": FORMAT, **asdict(sampling)}
-    with open_journal(folder, fingerprint, fresh=fresh) as journal:
-        if journal.torn:
-            progress.note("the last line of the journal was incomplete and has been dropped")
-        run = partial(run_situation_job, sampling)
-        files = ScenarioFiles(settings, run, SituationFile, folder.resolve(), FILE_NAME, journal, progress)
-        try:
-            make_folder(folder)
-            remove_parts(folder)
-            for path in folder.glob(FILE_NAME.replace("{:06d}", "*")) if fresh else ():
-                path.unlink()
-            files.find_kept(range(scenarios))
-            progress.begin(scenarios, len(files.entries))
-            missing = [index for index in range(scenarios) if index not in files.entries]
-            try:
-                for _ in files.drive(missing, scenarios, workers):
-                    pass
-            finally:
-                found = [entry for _, entry in sorted(files.entries.items())]
-                _write_index(folder, settings.split, found)
-        except OSError as error:
-            raise InputError(describe_write_error(error, error.filename or folder)) from None
-    return found
+    return FileCollection(
+        settings,
+        {**settings.fingerprint, "collection": FORMAT, **asdict(sampling)},
+        partial(run_situation_job, sampling),
+        SituationFile,
+        folder,
+        FILE_NAME,
+        (FILE_NAME.replace("{:06d}", "*"),),
+        partial(_write_index, folder, settings.split),
+    ).collect(scenarios, workers, progress, fresh)
 
 
 def run_situation_job(sampling: SituationSampling, job: ScenarioJob) -> SituationFile:

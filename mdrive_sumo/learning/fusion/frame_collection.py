@@ -13,11 +13,10 @@ import numpy as np
 
 from mdrive_sumo.agents.learned.fusion_spec import GRID_VERSION, MAX_CAVS
 from mdrive_sumo.core.checksum import compute_file_checksum
-from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.core.output_files import make_folder, remove_parts
+from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.version import __version__
 from mdrive_sumo.learning.array_files import write_arrays
-from mdrive_sumo.learning.collection import CollectionProgress, ScenarioFiles
+from mdrive_sumo.learning.collection import CollectionProgress, FileCollection
 from mdrive_sumo.learning.collection_settings import CollectionSettings
 from mdrive_sumo.learning.drive_episode import drive_scenario
 from mdrive_sumo.learning.fusion.drive_frames import DriveFrames, FrameSampling, build_drive_frames
@@ -25,8 +24,7 @@ from mdrive_sumo.learning.fusion.frame_files import ARCHIVE_NAME, FORMAT, write_
 from mdrive_sumo.learning.fusion.frames import FusionFrames
 from mdrive_sumo.learning.sample_format import CollectedScenario
 from mdrive_sumo.learning.scenario_jobs import ScenarioJob, WaitingScenario
-from mdrive_sumo.runs.journal import Fingerprint, open_journal
-from mdrive_sumo.runs.worker_process import describe_write_error
+from mdrive_sumo.runs.journal import Fingerprint
 
 POINTS_PREFIX, FRAMES_PREFIX = "points-", "frames-"
 """Beginnings of the names of archives with the points of scans, and of those with frames."""
@@ -63,34 +61,21 @@ def collect_frames(
     progress: CollectionProgress,
     fresh: bool,
 ) -> FrameSet:
-    """Make what is missing of the frames of so many scenarios and return what there is.
+    """Make what is missing of the frames of so many scenarios and return what there is, see `FileCollection.collect`.
 
-    An archive that the journal does not know, or that is not the one that it knows, is made again. Raises InputError,
-    also for a folder that holds another data set.
+    Raises InputError.
     """
-    with open_journal(folder, build_fingerprint(settings, sampling), fresh=fresh) as journal:
-        if journal.torn:
-            progress.note("the last line of the journal was incomplete and has been dropped")
-        run = partial(run_frame_job, sampling)
-        files = ScenarioFiles(settings, run, FrameArchive, folder.resolve(), ARCHIVE_NAME, journal, progress)
-        try:
-            make_folder(folder)
-            remove_parts(folder)
-            for prefix in (FRAMES_PREFIX, POINTS_PREFIX) if fresh else ():
-                for path in folder.glob(f"{prefix}*.npz"):
-                    path.unlink()
-            files.find_kept(range(scenarios))
-            progress.begin(scenarios, len(files.entries))
-            missing = [index for index in range(scenarios) if index not in files.entries]
-            try:
-                for _ in files.drive(missing, scenarios, workers):
-                    pass
-            finally:
-                found = FrameSet(tuple(entry for _, entry in sorted(files.entries.items())))
-                _write_index(settings, sampling, folder, scenarios, found)
-        except OSError as error:
-            raise InputError(describe_write_error(error, error.filename or folder)) from None
-    return found
+    collection = FileCollection(
+        settings,
+        build_fingerprint(settings, sampling),
+        partial(run_frame_job, sampling),
+        FrameArchive,
+        folder,
+        ARCHIVE_NAME,
+        (f"{FRAMES_PREFIX}*.npz", f"{POINTS_PREFIX}*.npz"),
+        lambda found: _write_index(settings, sampling, folder, scenarios, FrameSet(tuple(found))),
+    )
+    return FrameSet(tuple(collection.collect(scenarios, workers, progress, fresh)))
 
 
 def build_fingerprint(settings: CollectionSettings, sampling: FrameSampling) -> Fingerprint:
