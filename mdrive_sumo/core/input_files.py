@@ -5,12 +5,14 @@ OSError with a sentence as its `strerror`, as a missing file does.
 """
 
 import errno
+import json
 import os
 import stat
 from collections.abc import Iterator
 from contextlib import suppress
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.posix import find_open_flags
@@ -56,6 +58,23 @@ def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:
     Raises OSError as `read_bytes`, and UnicodeDecodeError.
     """
     return read_bytes(path, max_bytes).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_json_file(path: Path, what: str, format_: str, remedy: str = "") -> dict[str, Any]:
+    """Return a JSON object whose key `format` is `format_`.
+
+    what: the file in a sentence, such as "the index of dialogues"; remedy: what makes a missing one. Raises InputError.
+    """
+    try:
+        content: Any = json.loads(read_bytes(path))
+    except OSError as error:
+        raise InputError(f"{path}: expected {what}, found {error.strerror}{remedy}") from None
+    except (ValueError, RecursionError) as error:  # recursion: brackets nested a thousand times
+        raise InputError(f"{path}: expected JSON, found an error: {error}") from None
+    if not isinstance(content, dict) or content.get("format") != format_:
+        found = content.get("format") if isinstance(content, dict) else type(content).__name__
+        raise InputError(f"{path}: expected the format {format_!r}, found {found!r:.60}")
+    return content
 
 
 def check_tree(root: Path, what: str = "a run") -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.input_files import read_json_file
 from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.learning.array_files import read_arrays, write_arrays
 from mdrive_sumo.learning.dialogue.dialogue_samples import UNKNOWN, DialoguePairs, DialogueSamples
@@ -98,15 +98,7 @@ def read_pairs(folder: Path, vocabulary: str) -> DialoguePairs:
 
 
 def _read_index(path: Path, vocabulary: str) -> dict[str, Any]:
-    try:
-        index: Any = json.loads(read_bytes(path))
-    except OSError as error:
-        raise InputError(f"{path}: expected the index of dialogues, found {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected JSON, found an error: {error}") from None
-    if not isinstance(index, dict) or index.get("format") != FORMAT:
-        found = index.get("format") if isinstance(index, dict) else type(index).__name__
-        raise InputError(f"{path}: expected the format {FORMAT!r}, found {found!r:.60}")
+    index = read_json_file(path, "the index of dialogues", FORMAT)
     if index.get("vocabulary") != vocabulary:
         raise InputError(
             f"{path}: expected dialogues in the vocabulary {vocabulary[:8]}..., found {index.get('vocabulary')!r:.12};"

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.input_files import read_json_file
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.learning.collection import CollectionProgress, FileCollection
 from mdrive_sumo.learning.collection_settings import CollectionSettings
@@ -104,14 +103,9 @@ def _write_index(folder: Path, split: str, found: Sequence[SituationFile]) -> No
 def list_situation_files(folder: Path) -> tuple[str, list[Path]]:
     """Return the split and the files of a collection. Raises InputError for a folder that holds none."""
     path = folder / INDEX_NAME
-    try:
-        index: Any = json.loads(read_bytes(path))
-    except OSError as error:
-        raise InputError(f"{path}: expected the index of situations, found {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected JSON, found an error: {error}") from None
-    if not isinstance(index, dict) or index.get("format") != FORMAT or index.get("split") not in SPLITS:
-        raise InputError(f"{path}: expected the format {FORMAT!r} and a split, found {str(index)[:80]}")
+    index = read_json_file(path, "the index of situations", FORMAT)
+    if index.get("split") not in SPLITS:
+        raise InputError(f"{path}: split: expected one of {', '.join(SPLITS)}, found {index.get('split')!r:.60}")
     names = index.get("files")
     if not isinstance(names, list) or not names:
         raise InputError(f"{path}: files: expected names of one file or more, found {names!r:.60}")

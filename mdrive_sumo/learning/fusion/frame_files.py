@@ -11,7 +11,7 @@ import numpy as np
 
 from mdrive_sumo.agents.learned.fusion_spec import GRID_VERSION
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.input_files import read_json_file
 from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.learning.array_files import read_arrays, write_arrays
 from mdrive_sumo.learning.fusion.frames import ARRAYS, OPTIONAL, FusionFrames, check_frames, concatenate_frames
@@ -54,17 +54,7 @@ def read_frames(folder: Path) -> FusionFrames:
 
 def _read_index(path: Path) -> list[str]:
     """Return the names of the archives."""
-    try:
-        index: Any = json.loads(read_bytes(path))
-    except OSError as error:
-        raise InputError(
-            f"{path}: expected the index of fusion frames, found {error.strerror}; `mdrive-sumo learn scans` makes them"
-        ) from None
-    except ValueError as error:
-        raise InputError(f"{path}: expected JSON, found an error: {error}") from None
-    if not isinstance(index, dict) or index.get("format") != FORMAT:
-        found = index.get("format") if isinstance(index, dict) else type(index).__name__
-        raise InputError(f"{path}: expected the format {FORMAT!r}, found {found!r:.60}")
+    index = read_json_file(path, "the index of fusion frames", FORMAT, "; `mdrive-sumo learn scans` makes them")
     if index.get("grid_version") != GRID_VERSION:
         raise InputError(
             f"{path}: expected scans in the point grid of version {GRID_VERSION}, found"

@@ -12,10 +12,9 @@ from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.input_files import read_json_file
 from mdrive_sumo.negotiation.dialogue.answers import ACTION_WORDS, CONSENSUS_STEPS, LETTERS, STANCES
 from mdrive_sumo.negotiation.dialogue.decoder_shape import NEGOTIATOR
 
@@ -164,17 +163,9 @@ def format_vocabulary(vocabulary: DialogueVocabulary) -> str:
 @lru_cache(maxsize=2)
 def load_vocabulary(path: Path = PACKAGED) -> DialogueVocabulary:
     """Return a vocabulary. Raises InputError with one sentence for a file that holds none."""
-    try:
-        content: Any = json.loads(read_bytes(path))
-    except OSError as error:
-        raise InputError(f"vocabulary {path}: cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"vocabulary {path}: expected JSON, found an error: {error}") from None
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        found = content.get("format") if isinstance(content, dict) else type(content).__name__
-        raise InputError(f"vocabulary {path}: expected the format {FORMAT!r}, found {found!r:.60}")
+    content = read_json_file(path, "a vocabulary of dialogues", FORMAT)
     try:
         merges = [(str(left).encode("latin-1"), str(right).encode("latin-1")) for left, right in content["merges"]]
         return DialogueVocabulary(merges)
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"vocabulary {path}: merges: expected pairs of pieces, found {error!s:.120}") from None
+        raise InputError(f"{path}: merges: expected pairs of pieces, found {error!s:.120}") from None

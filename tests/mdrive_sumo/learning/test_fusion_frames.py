@@ -147,6 +147,7 @@ def test_arrays_of_another_type_are_refused(frames: FusionFrames, name: str) -> 
     [
         (None, "expected the index of fusion frames, found No such file"),
         ("{", "expected JSON, found an error"),
+        ("[" * 100_000, "expected JSON, found an error"),
         ("[]", "expected the format 'mdrive-sumo fusion frames 1', found 'list'"),
         ({"format": "tar"}, "expected the format 'mdrive-sumo fusion frames 1', found 'tar'"),
         ({"grid_version": 9}, "expected scans in the point grid of version 1, found 9; collect them again"),

@@ -113,7 +113,8 @@ def test_a_mistake_is_one_sentence(
     ("content", "part"),
     [
         ("{", "expected JSON, found an error"),
-        ('{"format": "other"}', "expected the format 'mdrive-sumo situations 1' and a split"),
+        ('{"format": "other"}', "expected the format 'mdrive-sumo situations 1', found 'other'"),
+        ('{"format": "mdrive-sumo situations 1", "split": "x"}', "split: expected one of train, val, test, found 'x'"),
         ('{"format": "mdrive-sumo situations 1", "split": "train", "files": []}', "files: expected names of one file"),
         (
             '{"format": "mdrive-sumo situations 1", "split": "train", "files": ["../x"]}',

@@ -63,7 +63,7 @@ def test_equal_texts_give_equal_bytes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (None, "cannot be read"),
+        (None, "expected a vocabulary of dialogues, found No such file"),
         ("{", "expected JSON, found an error"),
         ("[]", f"expected the format '{FORMAT}', found 'list'"),
         ('{"format": "words"}', f"expected the format '{FORMAT}', found 'words'"),
