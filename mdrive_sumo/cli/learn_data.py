@@ -77,16 +77,19 @@ def exit_after_collection(scenarios: Sequence[CollectedScenario], requested: int
     click.get_current_context().exit(1 if failed or len(scenarios) < requested else 0)
 
 
-@click.command("data")
-@collection_options(EXPERTS[0])
-@click.option("--rig", "rigs", multiple=True, metavar="|".join(RIG_NAMES), help="Cameras to record; may repeat.")
-@click.option(
+perturb_option = click.option(
     "--perturb",
     type=FiniteRange(0.0, 10.0),
     default=1.0,
     show_default=True,
     help="Rate of perturbations of the expert's driving; 1: one every 4 to 8 s, 0: none.",
 )
+
+
+@click.command("data")
+@collection_options(EXPERTS[0])
+@click.option("--rig", "rigs", multiple=True, metavar="|".join(RIG_NAMES), help="Cameras to record; may repeat.")
+@perturb_option
 @click.option(
     "--share",
     type=FiniteRange(0.02, 1.0),

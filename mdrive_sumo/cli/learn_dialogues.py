@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.cli.learn_data import FOLDER, collection_options, exit_after_collection, run_collection
+from mdrive_sumo.cli.learn_data import FOLDER, collection_options, exit_after_collection, perturb_option, run_collection
 from mdrive_sumo.cli.learn_scans import ScenarioDisplay
 from mdrive_sumo.cli.options import FiniteRange, workers_option
 from mdrive_sumo.core.tables import format_text, make_text_table
@@ -20,13 +20,7 @@ from mdrive_sumo.negotiation.dialogue.answers import MAX_MEMBERS
 
 @click.command("situations")
 @collection_options(None)
-@click.option(
-    "--perturb",
-    type=FiniteRange(0.0, 10.0),
-    default=1.0,
-    show_default=True,
-    help="Rate of perturbations of the driving; 1: one every 4 to 8 s, 0: none.",
-)
+@perturb_option
 @click.option(
     "--searched",
     type=FiniteRange(0.0, 1.0),

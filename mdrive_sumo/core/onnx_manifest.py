@@ -46,7 +46,7 @@ def read_manifest(path: Path, kind: type[Manifest]) -> Manifest:
         data: Any = json.loads(read_bytes(path))
     except OSError as error:
         raise InputError(f"manifest of weights {path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:  # recursion: brackets nested a thousand times
         raise InputError(f"manifest of weights {path}: expected JSON, found an error: {error}") from None
     if not isinstance(data, dict):
         raise InputError(f"manifest of weights {path}: expected a JSON object, found {type(data).__name__}")

@@ -52,6 +52,7 @@ BAD_FILES: list[tuple[Callable[[Path], object], str]] = [
     (lambda path: path.with_suffix(".json").unlink(), r"manifest of weights .*tcp\.json: cannot be read: No such file"),
     (lambda path: path.with_suffix(".json").write_text("{"), "expected JSON, found an error"),
     (lambda path: path.with_suffix(".json").write_bytes(b"\xff"), "expected JSON, found an error"),
+    (lambda path: path.with_suffix(".json").write_text("[" * 100_000), "expected JSON, found an error"),
     (lambda path: path.with_suffix(".json").write_text("[]"), "expected a JSON object, found list"),
     (lambda path: path.with_suffix(".json").write_text("{}"), "expected format version 1, found None"),
     (lambda path: change_manifest(path, format_version=2), "expected format version 1, found 2; use weights"),
